@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
 from threading import RLock
@@ -98,6 +99,10 @@ class Controller(Protocol):
     ``reset(period)``, which `validation.simulate` calls once before a run with the control period
     (s). It sets there everything that depends on the period or on an earlier run. A `SafetyFilter`
     that changes its input calls its ``applied(u)``, if it has one, with the input that acts.
+
+    A call never waits for a search. A controller that searches for something has
+    ``prepare(reference)``, which may wait, once, before a loop; and an attribute ``waits``, which
+    `validation.simulate` sets to True for its calls, so that two runs are equal.
     """
 
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
@@ -140,6 +145,16 @@ class GuardedController(ABC):
     if not COMPILES:  # compiled kernels give no warnings
         __call__ = SILENT(__call__)
 
+    def prepare(self, reference: Reference | Callable[[float], Reference]) -> None:
+        """Do before a loop what may take long for a reference; most controllers have no such work.
+
+        Parameters
+        ----------
+        reference : Reference or Callable[[float], Reference]
+            The loop's reference, or its function of time (s).
+        """
+        first_of(reference)
+
     @abstractmethod
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:
         """The controller's own computation; if it uses NumPy's arithmetic, decorate it `SILENT`."""
@@ -181,11 +196,56 @@ class WrappingController(GuardedController):
         """The other controller's gains or parameters."""
         return getattr(self.inner, "gains", getattr(self.inner, "parameters", None))
 
+    @property
+    def waits(self) -> bool:
+        """Whether the other one's calls may wait for its searches."""
+        return bool(getattr(self.inner, "waits", False))
+
+    @waits.setter
+    def waits(self, value: bool) -> None:
+        if hasattr(self.inner, "waits"):
+            self.inner.waits = value
+
+    def prepare(self, reference: Reference | Callable[[float], Reference]) -> None:
+        """Let the other one prepare for a reference."""
+        super().prepare(reference)
+        if hasattr(self.inner, "prepare"):
+            self.inner.prepare(reference)
+
     def reset(self, period: float) -> None:
         """Begin a run with a control period (s)."""
         self.guard.reset()
         if hasattr(self.inner, "reset"):
             self.inner.reset(period)
+
+
+@contextmanager
+def waiting(controller: Any) -> Iterator[None]:
+    """Let calls of a controller, maybe a user's own, wait for its searches inside the block."""
+    before = getattr(controller, "waits", None)
+    if before is None:
+        yield
+        return
+    controller.waits = True
+    try:
+        yield
+    finally:
+        controller.waits = before
+
+
+def first_of(reference: Reference | Callable[[float], Reference]) -> Reference:
+    """A reference, or what a function of time gives for 0.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
+    if callable(reference) and not isinstance(reference, Reference):
+        reference = reference(0.0)
+    if not isinstance(reference, Reference):
+        raise InputError("reference", "a Reference, e.g. SetPoint(y)", repr(reference))
+    return reference
 
 
 def no_arguments(state: Any, reference: Any, guard: InputGuard) -> InputError:

@@ -10,8 +10,7 @@ model, by the rules below.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from concurrent.futures import Future
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any
@@ -26,6 +25,7 @@ from softdyn.controllers.controller import (
     GuardedController,
     InputGuard,
     Status,
+    first_of,
     warm_up,
 )
 from softdyn.controllers.gains import check_fields, no_actuator
@@ -135,12 +135,19 @@ class Mpc(GuardedController):
         Finds an equilibrium (q*, u*) for a set point at which the tip does not arrive: after 1 s
         farther than 5 mm away it is searched for, and 0.5 s later, or any second after, it acts if
         its tip is nearer by that. A plan leads to its shape, see
-        `softdyn.controllers.predictive.follow`.
+        `softdyn.controllers.predictive.follow`. A process of its own searches, for up to a minute,
+        and the target acts later if that takes longer; see `waits` and `prepare`.
         The objective then has κ ‖u - u*‖²_diag(R), and σ ‖q - q*‖²_S if it is unstable. The
         `distance` of a command is that of its tip.
         With targets, a robot that its cables can buckle is pulled on paths (`predictive.buckling`).
     tasks : sequence of softdyn.tasks.Task, optional
         Tasks of one level; by default the position of the tip. An own K_p has no effect.
+
+    Attributes
+    ----------
+    waits : bool
+        Whether a call may wait for a search, so that equal runs have equal commands; False by
+        default. `softdyn.validation.simulate` sets it for its calls.
 
     Raises
     ------
@@ -150,6 +157,7 @@ class Mpc(GuardedController):
     """
 
     name = "mpc"
+    waits = False
 
     def __init__(
         self,
@@ -172,9 +180,7 @@ class Mpc(GuardedController):
         self._pulls = FrictionPulls(model, friction)
         self._filter = StateFilter(model, self.parameters.memory)
         self.targets = targets
-        self._follow = PlanFollower(
-            model, self.actuation.lag, targets is not None and targets.background
-        )
+        self._follow = PlanFollower(model, self.actuation.lag)
         self._model = model
         self._still = np.zeros((KNOTS[-1], model.nv))
         size = len(KNOTS) * model.nu
@@ -217,18 +223,31 @@ class Mpc(GuardedController):
         self._goal = np.full(3, np.nan)
         self._weighed = not self._aim.tasks
         self._away = 0.0  # s
-        self._asked: Future[tuple[RestTarget, ...]] | None = None
-        self._found = False
+        self._asked = self._found = False
         self._follow.reset(self.period)
 
     @property
     def planning(self) -> bool:
         """Whether targets or a plan are searched in the background."""
-        return self._follow.planning or (self._asked is not None and not self._asked.done())
+        return self._follow.planning or (
+            self.targets is not None and self._asked and self.targets.searching
+        )
+
+    def prepare(self, reference: Reference | Callable[[float], Reference]) -> None:
+        """Search for the targets of a set point now, for all runs of the robot's controllers.
+
+        Parameters
+        ----------
+        reference : Reference or Callable[[float], Reference]
+            A set point. A reference that moves has no targets.
+        """
+        goals = self._aim.targets(first_of(reference))
+        if self.targets is not None and not any(map(_moves, goals)):
+            self.targets.find(_numbers(goals), self._aim.tasks, first_of(reference), waits=True)
 
     def follow(self, plan: Plan) -> None:
         """Follow a plan, then hold its target, as long as its goal is the reference."""
-        self._goal, self._away, self._asked = plan.goal.copy(), 0.0, None
+        self._goal, self._away, self._asked = plan.goal.copy(), 0.0, False
         self._found = True
         self._follow.begin((plan.target,), plan)
 
@@ -237,7 +256,7 @@ class Mpc(GuardedController):
         """V of the command is the cost that the horizon predicts."""
         model, link, v = self._model, self.actuation, state.v
         goals = self._aim.targets(reference)
-        moving = any(goal.ydot.any() or goal.yddot.any() for goal in goals)
+        moving = any(map(_moves, goals))
         if not self._weighed:
             rest = model.state(model.q0, np.zeros(model.nv))
             self._weigh_rows(self._aim(rest, reference, moving).rows)
@@ -266,8 +285,9 @@ class Mpc(GuardedController):
         target = self._target_of(state, reference, aim, moving)
         if not moving and self._found:
             asked = self._follow(
-                None if self._aim.tasks else goals[0].y, aim.far, state, p, speed, u
-            )
+                None if self._aim.tasks else goals[0].y, aim.far, state, p, speed, u,
+                waits=self.waits,
+            )  # fmt: skip
             target = self._follow.target
             if asked is not None:
                 return self._send(asked, np.nan, target, state, (linear, force, first))
@@ -344,20 +364,21 @@ class Mpc(GuardedController):
             return RestTarget(state.q, self._pull(aim.far), True, np.nan)
         if self.targets is None or moving:
             return None
-        far, y = aim.far, np.concatenate([x.y.ravel() for x in self._aim.targets(reference)])
+        far, y = aim.far, _numbers(self._aim.targets(reference))
         if not np.array_equal(self._goal, y):
-            self._goal, self._away, self._asked, self._found = y.copy(), 0.0, None, False
+            self._goal, self._away, self._asked, self._found = y.copy(), 0.0, False, False
             self._follow.begin(())
         if self._found:
             return None
         self._away = self._away + self.period if far > WITHIN or self._asked else 0.0
-        if self._asked is None and self._away > STUCK and np.isfinite(far):
-            self._asked = self.targets.ask(y, self._aim.tasks, reference)
-        if self._asked is not None and self._away > STUCK + ARRIVES and self._asked.done():
-            found, self._away = self._asked.result(), ARRIVES  # and again where it is no nearer
-            if found and found[0].distance < far - WITHIN:
-                self._found = True
-                self._follow.begin(found)
+        if self._away > STUCK and np.isfinite(far):
+            self._asked = True
+            found = self.targets.find(y, self._aim.tasks, reference, waits=self.waits)
+            if found is not None and self._away > STUCK + ARRIVES:
+                self._away = ARRIVES  # and again where it is no nearer
+                if found and found[0].distance < far - WITHIN:
+                    self._found = True
+                    self._follow.begin(found)
         return None
 
     def _pace(self, metric: np.ndarray, J: np.ndarray, ydot: np.ndarray) -> np.ndarray:
@@ -382,3 +403,13 @@ class Mpc(GuardedController):
         command = self.guard.fall_back(status, np.nan, np.nan)
         self.actuation.send(command.u)
         return command
+
+
+def _moves(goal: Any) -> bool:
+    """Whether a target moves."""
+    return bool(goal.ydot.any() or goal.yddot.any())
+
+
+def _numbers(goals: Sequence[Any]) -> np.ndarray:
+    """The numbers of all targets in one array."""
+    return np.concatenate([goal.y.ravel() for goal in goals])

@@ -1,14 +1,12 @@
 """Two sets of gains for one controller: one to approach a target, one to stay there.
 
 Gains that move an arm fast over half its length chatter near the target, and gains that hold it
-calmly arrive late. `controllers/schedules/ROBOT.toml` holds the tuned gains of a bundled robot.
-`scripts/tune.py` made them; for any other robot it writes such a file beside the robot's file.
+calmly arrive late. `controllers/schedules/ROBOT.toml` holds the tuned gains of a bundled robot; a
+search found them once (CMA-ES, on other targets than the paper's).
 """
 
 from __future__ import annotations
 
-import os
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -18,12 +16,10 @@ from softdyn import InputError, SoftModel
 from softdyn.checks import number
 from softdyn.controllers.gains import Gains
 from softdyn.dynamics.model import check_model
-from softdyn.exceptions import errors_in
 from softdyn.files import read_toml
 
 FOLDER = Path(__file__).parent / "schedules"
 OWN = ("horizon", "u_ref")  # keys of a stage's table, besides the gains
-ROBOT = "robot"  # key of the hash of the user's robot for which the schedule was tuned
 
 
 @dataclass(frozen=True)
@@ -83,7 +79,6 @@ def make_schedule(table: Mapping[str, Any]) -> Schedule:
     InputError
         For tables or numbers that are missing, unknown or out of range.
     """
-    table = {key: value for key, value in table.items() if key != ROBOT}
     names = [field.name for field in fields(Schedule)]
     if sorted(table) != sorted(names):
         raise InputError("gains", f"a schedule: {', '.join(names)}", ", ".join(table) or "nothing")
@@ -91,51 +86,10 @@ def make_schedule(table: Mapping[str, Any]) -> Schedule:
     return Schedule(**{**table, **stages})
 
 
-def read_schedule(file: str | Path) -> Schedule:
-    """The `Schedule` in a TOML file; see `make_schedule`.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or holds no schedule.
-    """
-    with errors_in(str(file)):
-        return make_schedule(read_toml(file))
-
-
-def schedule_path(model: SoftModel) -> Path:
-    """The file of a robot's schedule, beside the file that defines its inputs.
-
-    For ``my.urdf`` it is ``my.schedule.toml``. For a URDF with annotations in the separate file
-    ``soft_my.xml`` it is ``soft_my.schedule.toml``.
-    """
-    if model.bundled is not None:
-        return FOLDER / f"{model.bundled}.toml"
-    file = model.robot.overlay or model.robot.path
-    return file.resolve().with_suffix(".schedule.toml")
-
-
 def tuned(model: SoftModel) -> Schedule | None:
-    """The schedule that was tuned for a robot; None if there is no file `schedule_path`.
-
-    A schedule beside a user's file holds the robot's `Robot.digest`. If the dynamics have changed
-    since the tuning, the schedule is not used, and a warning says so.
-
-    Raises
-    ------
-    InputError
-        If the file is no schedule.
-    """
-    file = schedule_path(check_model(model))
-    if not os.path.isfile(file):
-        return None
-    table = read_toml(file)
-    if model.bundled is None and table.pop(ROBOT, None) != model.robot.digest:
-        said = f"{file} was tuned for another robot: {model.robot.path} has changed since"
-        warnings.warn(f"{said}, so it is not used. Run `softdyn tune` again", stacklevel=2)
-        return None
-    with errors_in(str(file)):
-        return make_schedule(table)
+    """The tuned schedule of a bundled robot; None if it has none, and for any other robot."""
+    file = FOLDER / f"{check_model(model).bundled}.toml"
+    return make_schedule(read_toml(file)) if file.is_file() else None
 
 
 def _stage(name: str, table: Any) -> Stage:

@@ -13,12 +13,12 @@ from softdyn.commands import cli
 
 # by purpose
 COMMANDS = {
-    "begin": ("examples", "new", "identify", "compile"),
-    "examine a robot": ("check", "view", "statics", "observe", "plan", "converge"),
+    "begin": ("new", "identify", "compile"),
+    "examine a robot": ("check", "view", "statics", "observe", "plan"),
     "compare it with another engine or file": ("crosscheck", "compare", "export"),
-    "run one closed loop and look at it": ("run", "rollout", "play", "replay", "obstacle"),
-    "choose a controller and its gains": ("sweep", "tune"),
-    "repeat the paper and go beyond it": ("benchmark", "reproduce", "certify"),
+    "run one closed loop and look at it": ("run", "rollout", "play", "replay"),
+    "run many": ("sweep",),
+    "repeat the paper": ("benchmark",),
     "time the control step": ("step_time",),
 }
 NAMES = [name for names in COMMANDS.values() for name in names]

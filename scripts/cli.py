@@ -12,7 +12,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -194,7 +194,8 @@ def prepare_streams() -> None:
     """Make the streams accept any text in any encoding, and replace closed streams.
 
     A closed stream becomes the null device. Otherwise the next opened file would get its number,
-    and the prints of the engines.
+    and the prints of the engines. stderr is written in whole lines, because worker processes share
+    it.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
@@ -206,6 +207,8 @@ def prepare_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
+    if hasattr(sys.stderr, "reconfigure"):
+        sys.stderr.reconfigure(line_buffering=True, write_through=False)
 
 
 def one_thread() -> None:
@@ -224,7 +227,7 @@ def run(command: Command, arguments: Arguments, parser: Parser) -> int:
 
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     try:
-        with own_code_errors():
+        with own_code_errors(program=command.__module__.partition(".")[0]):
             check_outputs(parser, arguments)
             return command(arguments)
     except OwnCodeError as error:
@@ -237,6 +240,8 @@ def run(command: Command, arguments: Arguments, parser: Parser) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return PASSED
     except KeyboardInterrupt:
+        with suppress(ValueError):  # not in the main thread
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one would say more
         print("error: interrupted", file=sys.stderr)
         return INTERRUPTED
 

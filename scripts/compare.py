@@ -110,10 +110,9 @@ def show(result: Comparison, a: Side, b: Side, arguments: cli.Arguments) -> None
 def engines(
     a: Side, b: Side, arguments: cli.Arguments, tolerance: float
 ) -> tuple[dict[str, Any], str]:
-    """Compare each file with its engine, both engines, and Pinocchio's own MJCF reader."""
-    from softdyn import InputError, SoftdynError
+    """Compare each file with its engine, and the two engines."""
+    from softdyn import InputError
     from softdyn.validation.crosschecks.engines import SAME, differing, engine_errors, side_by_side
-    from softdyn.validation.mjcf.readers import pinocchio_reads
 
     options = {"samples": arguments.samples, "seed": arguments.seed}
     report: dict[str, Any] = {}
@@ -124,17 +123,6 @@ def engines(
         said.append(f"{key.upper()} in its own engine: {words or 'mimic joints, not compared'}")
         if wrong := [name for name, error in found.items() if not error <= SAME]:
             failed.append(f"{key.upper()}'s engine disagrees in {', '.join(wrong)}")
-        if side.is_mjcf:
-            try:
-                read = pinocchio_reads(side)
-            except SoftdynError as error:
-                said.append(
-                    f"{key.upper()} through Pinocchio's own MJCF reader: not compared, {error}"
-                )
-                continue
-            report[f"{key}_by_pinocchio"] = read.to_dict()
-            words = "exact" if read.exact else read.why
-            said.append(f"{key.upper()} through Pinocchio's own MJCF reader: {words}")
     try:
         pair = side_by_side(a, b, **options)
     except InputError as error:

@@ -52,10 +52,6 @@ prismatic joint, 1 mm of tip and cables), and the drawn parameters are identifie
 compares inputs instead: amplitudes and times between knots, with the least deviation that any fit
 can have.
 
---second-opinion also fits the same unknowns to the same data by MuJoCo's own identification (extra
-`sysid`), and prints both. It needs measurements of all joints and of nothing else, equal time
-steps, and no joint that stays at a stop.
-
 exit codes: 0 all parameters identified; 1 some not, they keep the file's value; 2 bad input.
 """
 
@@ -86,13 +82,13 @@ parser.add_argument(
     help="outputs of the twin; default: joints; markers are lost and renamed",
 )
 parser.option("--noise", cli.finite, "X", "noise of the twin; 1: 5 mrad, 0.1 mm, tip 1 mm", 1.0)
-for names, metavar, default, what in (
-    (("--amplitude", "--reach"), "PART", 0.6, "share of the inputs' ranges in the twin's data"),
-    (("--bias",), "PART", 0.0, "share of the ranges, added to move joints off their stops"),
-    (("--knots",), "S", 0.2, "time between the twin's random inputs"),
+for name, metavar, default, what in (
+    ("--amplitude", "PART", 0.6, "share of the inputs' ranges in the twin's data"),
+    ("--bias", "PART", 0.0, "share of the ranges, added to move joints off their stops"),
+    ("--knots", "S", 0.2, "time between the twin's random inputs"),
 ):
     parser.add_argument(
-        *names, type=cli.finite, nargs="+", metavar=metavar, default=[default],
+        name, type=cli.finite, nargs="+", metavar=metavar, default=[default],
         help=f"{what}, one for all or one for each; default: {default:g}",
     )  # fmt: skip
 parser.add_argument(
@@ -100,9 +96,6 @@ parser.add_argument(
 )
 parser.option("--seeds", cli.count, "N", "number of twins", 1)
 parser.add_argument("--excitations", action="store_true", help="compare inputs on the twin")
-parser.add_argument(
-    "--second-opinion", action="store_true", help="also MuJoCo's own identification"
-)
 parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
 parser.option("--timestep", cli.positive, "S", "longest step of the twin", 1e-4)
 parser.output("--out", "FILE", "write the robot's file, URDF or TOML, with the new numbers")
@@ -142,10 +135,6 @@ def command(arguments: cli.Arguments) -> int:
     unknowns = made.unknowns(*chosen) if made else identification.unknowns_of(model, *chosen)
     if fitted and taken.view is not None:
         unknowns += identification.camera_unknowns(taken.view.camera)
-    if arguments.second_opinion:
-        from softdyn.validation.identification import second_opinion as second
-
-        second.check(model, data, unknowns, arguments.hold_out)
     options: dict[str, Any] = {
         "hold_out": 0.0 if arguments.test else arguments.hold_out,
         "step": arguments.step or math.inf, "taken": taken,
@@ -184,12 +173,7 @@ def command(arguments: cli.Arguments) -> int:
     report = {"robot": model.name, "data": arguments.data, **found.report(), "doubts": lines,
               "rms_left_out": unseen, "residuals": places,
               "hints": again.get("hints", [])}  # fmt: skip
-    text = "\n".join([str(found), *lines])
-    if arguments.second_opinion:
-        opinion = second.second_opinion(model, data, unknowns, found, arguments.hold_out)
-        report["second_opinion"] = opinion.report()
-        text += f"\n\n{opinion}"
-    cli.write_report(report, arguments.json, text)
+    cli.write_report(report, arguments.json, "\n".join([str(found), *lines]))
     return cli.PASSED if all(one.identified for one in found.estimates) else cli.FAILED
 
 
@@ -203,9 +187,9 @@ def robot_of(arguments: cli.Arguments) -> tuple[DesignFile | None, SoftModel]:
         if on and not (arguments.static or name == "--relabel"):
             raise InputError(name, "--static", "data over time")
     if Path(arguments.robot).suffix == ".toml":
-        if arguments.twin is not None or arguments.second_opinion:
+        if arguments.twin is not None:
             expected = "a URDF; `softdyn new` makes one of the TOML file"
-            raise InputError("--twin, --second-opinion", expected, arguments.robot)
+            raise InputError("--twin", expected, arguments.robot)
         made = identification.DesignFile(arguments.robot, arguments.points)
         return made, made.model
     model = softdyn.load(arguments.robot)
@@ -237,7 +221,6 @@ def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: Sequence[Param
     """Identify drawn parameters, seed by seed, or find the inputs that identify them best."""
     import math
 
-    from softdyn import InputError
     from softdyn.validation.identification import trials, twin_report
 
     excitation = trials.Excitation(
@@ -247,13 +230,10 @@ def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: Sequence[Param
     outputs = twin_report.outputs_of(model, arguments.measure)
     what, jobs = (model, unknowns, outputs, excitation, arguments.noise), arguments.jobs or -1
     if arguments.excitations:
-        if arguments.second_opinion:
-            raise InputError("--second-opinion", "a fit", "--excitations, which fits nothing")
         report, text, known = twin_report.of_excitations(*what, jobs=jobs)
     else:
         report, text, known = twin_report.of_trials(
-            *what, opinion=arguments.second_opinion, seeds=arguments.seeds,
-            step=arguments.step or math.inf, jobs=jobs,
+            *what, seeds=arguments.seeds, step=arguments.step or math.inf, jobs=jobs
         )  # fmt: skip
     cli.write_report({"robot": model.name, **report}, arguments.json, text)
     return cli.PASSED if known else cli.FAILED

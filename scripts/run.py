@@ -163,9 +163,9 @@ def command(arguments: cli.Arguments) -> int:
     with naming(model):
         controller = make_controller(model, arguments.controller, arguments.gains, around, **more)
     if arguments.certify:
-        from softdyn.controllers import Certified
+        from softdyn.validation.loop.certificate import TrueRate, certified
 
-        controller = Certified(controller)
+        TrueRate(controller)  # it may refuse the controller
     rig, observer, shown = make_rig(arguments.rig), None, None
     if arguments.observer is not None:
         from softdyn.validation.loop.observation import make_observer
@@ -189,6 +189,8 @@ def command(arguments: cli.Arguments) -> int:
             log, shown = watch(loop, plant, arguments)
         else:
             log = loop.run(progress=True)
+    if arguments.certify:
+        log = certified(log, model, controller, loop.reference)
     if arguments.log is not None:
         cli.save_log(log, arguments.log)
     if arguments.html is not None:

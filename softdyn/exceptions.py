@@ -87,19 +87,24 @@ class OwnCodeError(SoftdynError):
 
 
 @contextmanager
-def own_code_errors() -> Iterator[None]:
+def own_code_errors(program: str = "softdyn") -> Iterator[None]:
     """Turn errors of a user's running code into an `OwnCodeError`.
 
     Code is a user's own if it belongs neither to softdyn nor to an installed package. Errors while
     a user's file is loaded or its objects are made pass unchanged, because they are bad input.
     Ctrl-C passes too.
+
+    Parameters
+    ----------
+    program : str
+        The package of the program that runs, whose code is no user's either.
     """
     try:
         yield
     except (KeyboardInterrupt, GeneratorExit):
         raise
     except BaseException as error:  # a user's code may raise anything
-        own = own_frames(error)
+        own = own_frames(error, program)
         if own is None:
             raise
         steps, kind = traceback.extract_tb(own), type(error)
@@ -109,20 +114,20 @@ def own_code_errors() -> Iterator[None]:
         raise OwnCodeError(one_line(f"{place}: {kind.__name__}: {error}", 500), trace) from error
 
 
-def own_frames(error: BaseException) -> Any:
+def own_frames(error: BaseException, program: str = "softdyn") -> Any:
     """The traceback of an error from the first frame of running user's code on, else None."""
     found = error.__traceback__
-    while found is not None and not _is_own(found.tb_frame):
+    while found is not None and not _is_own(found.tb_frame, program):
         if found.tb_frame.f_code.co_name in MAKERS:
             return None
         found = found.tb_next
     return found
 
 
-def _is_own(frame: FrameType) -> bool:
+def _is_own(frame: FrameType, program: str) -> bool:
     file, module = frame.f_code.co_filename, str(frame.f_globals.get("__name__", ""))
     installed = file.startswith(("<", *STANDARD_LIBRARY)) or "-packages" in file
-    return not installed and module.partition(".")[0] not in ("softdyn", "__main__")
+    return not installed and module.partition(".")[0] not in ("softdyn", "__main__", program)
 
 
 @contextmanager

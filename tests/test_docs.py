@@ -29,7 +29,7 @@ from tests.support.command import command
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 Follow = Callable[[Path], dict[str, str]]
 PROOF = "python -m tests.proof "
-PROGRAMS = {name.replace("_", "-") for name in proof.PROGRAMS}
+PROGRAMS = {name.replace("_", "-"): place for name, place in proof.PLACES.items()}
 NAMES = {name.replace("_", "-") for names in COMMANDS.values() for name in names}
 BLOCK = re.compile(
     r"^(?P<mark><!-- not run: [^\n]+ -->\n)?```(?P<kind>\w*)\n(?P<code>.*?)^```$", re.M | re.S
@@ -116,8 +116,8 @@ def test_every_command_shown_is_one(page: Path) -> None:
             for name, *arguments in commands(block["code"]):
                 program = name.removeprefix(PROOF) if name.startswith(PROOF) else None
                 assert name in NAMES or program in PROGRAMS, f"{page.name}: {name}"
-                place = f"tests.proof.{program}" if program else f"softdyn.commands.{name}"
-                module = importlib.import_module(place.replace("-", "_"))
+                own = f"softdyn.commands.{name.replace('-', '_')}"
+                module = importlib.import_module(PROGRAMS[program] if program else own)
                 module.parser.parse_args(arguments)
 
 

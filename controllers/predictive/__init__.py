@@ -8,6 +8,7 @@
 - `stops`: joint stops as stiff springs
 - `pulls`: the pulls at the winches that make up for the friction of cables
 - `compensated`: any controller behind delay, lag and friction
+- `background`: long work in a process of its own
 - `rest_target`: equilibria as targets of shape and input
 - `buckling`: the pull that buckles an arm, so that its tip can follow a path
 - `riccati`: linear feedback about a path, by the backward recursion

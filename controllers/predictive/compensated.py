@@ -95,7 +95,8 @@ class Compensated(WrappingController):
             getattr(answer, "delta", np.nan), clamped=True,
         )  # fmt: skip
         link.send(command.u)
-        return replace(command, u=self._pulls(command.u, state)) if self._pulls.rubs else command
+        u = self._pulls(command.u, state) if self._pulls.rubs else command.u
+        return replace(command, u=u, distance=getattr(answer, "distance", np.nan))
 
     def applied(self, u: np.ndarray) -> None:
         """The input u (nu,) was sent instead of the last command's.

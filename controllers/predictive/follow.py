@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Future
 from functools import partial
 
 import numpy as np
 
 from softdyn import SoftModel, State
+from softdyn.controllers.predictive.background import Job
 from softdyn.controllers.predictive.plan import Plan, make_plan
-from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget, in_future
+from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget
 
 STUCK = 1.0  # s without arriving after which targets are searched for, or another plan is made
 ARRIVES = 0.5  # s later they act, however long the search took
@@ -32,17 +32,14 @@ class PlanFollower:
         The robot.
     lag : float
         Time constant (s) of the actuators.
-    background : bool
-        Whether to make the plan in a thread, for a loop in real time.
-
     Attributes
     ----------
     target : RestTarget or None
         The one that acts.
     """
 
-    def __init__(self, model: SoftModel, lag: float, background: bool) -> None:
-        self._model, self._lag, self._background = model, lag, background
+    def __init__(self, model: SoftModel, lag: float) -> None:
+        self._model, self._lag = model, lag
         self.reset(0.0)
 
     def reset(self, period: float) -> None:
@@ -55,7 +52,7 @@ class PlanFollower:
         self._targets, self._plan = targets, plan
         self.target = None if plan is None else plan.target
         self._away, self._time = STUCK, 0.0  # s, without arriving and since the plan's begin
-        self._asked: Future[Plan | None] | None = None
+        self._asked: Job[Plan | None] | None = None
         self._left = PLANS
 
     @property
@@ -71,6 +68,8 @@ class PlanFollower:
         p: np.ndarray,
         v: np.ndarray,
         acting: np.ndarray,
+        *,
+        waits: bool,
     ) -> np.ndarray | None:
         """The command (nu,) of the plan or before it, not yet bounded; None without a plan.
 
@@ -85,12 +84,14 @@ class PlanFollower:
         p, v, acting : ndarray, (nv,), (nv,), (nu,)
             Displacement from the present configuration, velocity and acting input at the instant
             when the command begins to act.
+        waits : bool
+            Whether to make a plan in this call, and not in a process of its own.
         """
         if not self._targets:
             return None
         q = self._model.integrate(state.q, p)
         if self._plan is None:
-            self._wait(goal, far, (q, v, acting))
+            self._wait(goal, far, (q, v, acting), waits)
         if self._asked is not None:
             return self._kept
         if self._plan is None:
@@ -102,7 +103,9 @@ class PlanFollower:
         self._time += self._period
         return command
 
-    def _wait(self, goal: np.ndarray | None, far: float, start: tuple[np.ndarray, ...]) -> None:
+    def _wait(
+        self, goal: np.ndarray | None, far: float, start: tuple[np.ndarray, ...], waits: bool
+    ) -> None:
         """A period goes by without a plan."""
         target, coordinates = self.target or self._targets[0], self._model.coordinates
         bent = np.abs(coordinates(start[0]) - coordinates(target.q)).max(initial=0.0) > BENT
@@ -115,7 +118,7 @@ class PlanFollower:
                     make_plan, self._model, q, v, self._kept, self._targets,
                     None if goal is None else goal.copy(), self._lag, ARRIVES,
                 )  # fmt: skip
-                self._asked, self._away = in_future(work, self._background), 0.0
+                self._asked, self._away = Job(work, waits), 0.0
                 self._left -= 1
             elif self.target is None:
                 self.target = target

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+import warnings
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from threading import Thread
-from typing import Any, TypeVar
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from softdyn import Reference, SoftModel, statics
+from softdyn.controllers.predictive.background import Job
 from softdyn.controllers.predictive.buckling import buckling_input
 from softdyn.statics import Equilibrium, StaticsError
 from softdyn.statics.explore import TipProblem
+from softdyn.statics.task_search import SECONDS
 from softdyn.statics.tip_solver import solve_at_tip
 from softdyn.tasks.task import Task
 
-Result = TypeVar("Result")
 WITHIN = 5e-3  # m: equilibria whose tips are this close to the reference count as equally near
 SHAPES = 6  # random shapes from which the search starts where the arm does not buckle
 FOLDED = 400  # and where it does
@@ -56,23 +56,6 @@ class RestTarget:
     distance: float
 
 
-def in_future(work: Callable[[], Result], background: bool) -> Future[Result]:
-    """The result of some work, done at once or in a thread."""
-    answer: Future[Result] = Future()
-
-    def do() -> None:
-        try:
-            answer.set_result(work())
-        except BaseException as error:  # the controller's thread has to see it
-            answer.set_exception(error)
-
-    if background:  # a daemon, so that the program's end does not wait for it
-        Thread(target=do, daemon=True).start()
-    else:
-        answer.set_result(work())
-    return answer
-
-
 def instability(one: Equilibrium) -> tuple[float, float]:
     """Sum of the unstable poles' real parts, and the rightmost pole's (1/s)."""
     real = one.poles.real
@@ -104,99 +87,152 @@ def folded(
         yield model.configuration(shape), np.clip(u, model.u_min, model.u_max)
 
 
-# the searches of each model, which all its controllers share
-_ASKED: WeakKeyDictionary[SoftModel, dict[tuple[Any, ...], Future[tuple[RestTarget, ...]]]]
-_ASKED = WeakKeyDictionary()
+# the targets that each model's controllers have waited for
+_KNOWN: WeakKeyDictionary[SoftModel, dict[tuple[Any, ...], tuple[RestTarget, ...]]]
+_KNOWN = WeakKeyDictionary()
 
 
 class RestTargets:
-    """The targets of each set point, found once for a model and kept.
+    """The targets of each set point, found once and kept.
 
     They are the equilibria within 5 mm of the set point, or as near as the nearest, with the least
     sum of unstable poles, which bounds the effort of holding them. Up to 1 1/s it counts as none,
     and the shape nearest to the branch from rest comes first. Where the arm can buckle
     (`buckling_input`), the search starts at folded shapes with the tip at the set point. Otherwise,
     or if these give nothing, it is `statics.inputs_for_tip`; for tasks `statics.inputs_for_tasks`.
-    It takes seconds, and its result depends on the robot and the set point alone.
+    It takes seconds.
 
     Parameters
     ----------
     model : SoftModel
         The robot.
-    background : bool
-        Whether to search in a thread, for a loop in real time.
     """
 
-    def __init__(self, model: SoftModel, background: bool = False) -> None:
-        self._model, self.background = model, background
-        self._asked = _ASKED.setdefault(model, {})
-
-    def ask(
-        self, y: np.ndarray, tasks: tuple[Task, ...] = (), reference: Any = None
-    ) -> Future[tuple[RestTarget, ...]]:
-        """The targets for the tip at y (3,), the best first; none if no equilibrium was found.
-
-        For tasks, y are the numbers of all their targets in the reference.
-        """
-        key = self.background, tasks, np.asarray(y, float).tobytes()
-        if key not in self._asked:
-            search = partial(self._for_tasks, tasks, reference) if tasks else self._search
-            self._asked[key] = in_future(partial(search, y), self.background)
-        return self._asked[key]
+    def __init__(self, model: SoftModel) -> None:
+        self._model = model
+        self._known = _KNOWN.setdefault(model, {})
+        self._late = dict[tuple[Any, ...], tuple[RestTarget, ...]]()
+        self._job: tuple[tuple[Any, ...], Job[tuple[RestTarget, ...]]] | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return RestTargets, (self._model, self.background)
+        return RestTargets, (self._model,)
 
-    def _for_tasks(
-        self, tasks: tuple[Task, ...], reference: Reference, y: Any
-    ) -> tuple[RestTarget, ...]:
+    @property
+    def searching(self) -> bool:
+        """Whether a search goes on in the background."""
+        return self._job is not None and not self._job[1].done()
+
+    def find(
+        self,
+        y: np.ndarray,
+        tasks: tuple[Task, ...] = (),
+        reference: Reference | None = None,
+        *,
+        waits: bool,
+    ) -> tuple[RestTarget, ...] | None:
+        """The targets for the tip at y (3,), the best first; none if no equilibrium was found.
+
+        A call that waits searches at once, and its result depends on the robot and the set point
+        alone. Another call starts a process, which replaces the one of another set point; it
+        returns None until that has the result. The searches of `statics` then have a limit of time.
+
+        Parameters
+        ----------
+        y : ndarray, (3,) or (k,)
+            The set point (m); for tasks, the numbers of all their targets.
+        tasks : tuple of Task
+            The tasks; none for the tip.
+        reference : Reference, optional
+            The targets of the tasks.
+        waits : bool
+            Whether to search in this call.
+        """
+        key = tasks, np.asarray(y, float).tobytes()
+        if key in self._known:
+            return self._known[key]
+        if key in self._late and not waits:
+            return self._late[key]
+        seconds = math.inf if waits else SECONDS
+        search = partial(targets_of, self._model, np.array(y, float), tasks, reference, seconds)
+        if waits:
+            self._known[key] = search()
+            return self._known[key]
+        if self._job is None or self._job[0] != key:
+            if self._job is not None:
+                self._job[1].cancel()
+            self._job = key, Job(search)
+        if not self._job[1].done():
+            return None
         try:
-            search = statics.inputs_for_tasks(self._model, tasks, reference)
-        except (StaticsError, np.linalg.LinAlgError):
-            return ()
-        errors = [math.hypot(*search.errors(one).values()) for one in search.found]
-        within = max(WITHIN, errors[0])
-        near = [pair for pair in zip(search.found, errors, strict=True) if pair[1] <= within]
-        near.sort(key=lambda pair: max(instability(pair[0])[0], SLOW))  # stable
-        return tuple(RestTarget(one.q, one.u, one.stable, far) for one, far in near[:BEST])
+            self._late[key] = self._job[1].result()
+        except Exception as error:  # a loop on a rig goes on without targets
+            warnings.warn(f"no targets for {self._model.name}: {error}", stacklevel=2)
+            self._late[key] = ()
+        self._job = None
+        return self._late[key]
 
-    def _search(self, y: np.ndarray) -> tuple[RestTarget, ...]:
-        model = self._model
-        try:
-            plain = statics.approach(statics.rest(model), y, stay_stable=True)
-            found = self._folded(plain, y)
-            if not found:
-                search = statics.inputs_for_tip(model, y, [plain], shapes=SHAPES)
-                within = max(WITHIN, search.distance(search.nearest))
-                found = [one for one in search.found if search.distance(one) <= within]
-        except (StaticsError, np.linalg.LinAlgError):
-            return ()
-        bend = model.coordinates(plain.q)
-        best = list[tuple[tuple[float, float, float], Equilibrium]]()
-        for one in found:
-            unstable, rightmost = instability(one)
-            far = float(np.linalg.norm(model.coordinates(one.q) - bend))
-            best.append(((max(unstable, SLOW), far, rightmost), one))
-        best.sort(key=lambda pair: pair[0])
-        kept = [
-            one for k, (key, one) in enumerate(best)  # a mirrored shape is no other
-            if k == 0 or not np.allclose(key, best[k - 1][0], rtol=SAME)
-        ]  # fmt: skip
-        return tuple(
-            RestTarget(one.q, one.u, one.stable, float(np.linalg.norm(one.y - y)))
-            for one in kept[:BEST]
-        )
 
-    def _folded(self, plain: Equilibrium, y: np.ndarray) -> list[Equilibrium]:
-        model, found = self._model, list[Equilibrium]()
-        least = buckling_input(model)
-        if least is None:
-            return found
-        problem = TipProblem.build(model, y)
-        for q, u in folded(model, plain.q, least):
-            with suppress(StaticsError, np.linalg.LinAlgError):
-                one = solve_at_tip(problem, q, u)
-                apart = (np.abs(model.coordinates(one.q) - model.coordinates(o.q)) for o in found)
-                if all(far.max() > SAME for far in apart):
-                    found.append(one)
+def targets_of(
+    model: SoftModel,
+    y: np.ndarray,
+    tasks: tuple[Task, ...],
+    reference: Reference | None,
+    seconds: float,
+) -> tuple[RestTarget, ...]:
+    """The targets of a set point, see `RestTargets`; `seconds` limits the searches of `statics`."""
+    try:
+        if tasks:
+            return _for_tasks(model, tasks, reference, seconds)
+        return _for_tip(model, y, seconds)
+    except (StaticsError, np.linalg.LinAlgError):
+        return ()
+
+
+def _for_tasks(
+    model: SoftModel, tasks: tuple[Task, ...], reference: Any, seconds: float
+) -> tuple[RestTarget, ...]:
+    search = statics.inputs_for_tasks(model, tasks, reference, seconds=seconds)
+    errors = [math.hypot(*search.errors(one).values()) for one in search.found]
+    within = max(WITHIN, errors[0])
+    near = [pair for pair in zip(search.found, errors, strict=True) if pair[1] <= within]
+    near.sort(key=lambda pair: max(instability(pair[0])[0], SLOW))  # stable
+    return tuple(RestTarget(one.q, one.u, one.stable, far) for one, far in near[:BEST])
+
+
+def _for_tip(model: SoftModel, y: np.ndarray, seconds: float) -> tuple[RestTarget, ...]:
+    plain = statics.approach(statics.rest(model), y, stay_stable=True)
+    found = _folded(model, plain, y)
+    if not found:
+        search = statics.inputs_for_tip(model, y, [plain], shapes=SHAPES, seconds=seconds)
+        within = max(WITHIN, search.distance(search.nearest))
+        found = [one for one in search.found if search.distance(one) <= within]
+    bend = model.coordinates(plain.q)
+    best = list[tuple[tuple[float, float, float], Equilibrium]]()
+    for one in found:
+        unstable, rightmost = instability(one)
+        far = float(np.linalg.norm(model.coordinates(one.q) - bend))
+        best.append(((max(unstable, SLOW), far, rightmost), one))
+    best.sort(key=lambda pair: pair[0])
+    kept = [
+        one for k, (key, one) in enumerate(best)  # a mirrored shape is no other
+        if k == 0 or not np.allclose(key, best[k - 1][0], rtol=SAME)
+    ]  # fmt: skip
+    return tuple(
+        RestTarget(one.q, one.u, one.stable, float(np.linalg.norm(one.y - y)))
+        for one in kept[:BEST]
+    )
+
+
+def _folded(model: SoftModel, plain: Equilibrium, y: np.ndarray) -> list[Equilibrium]:
+    found = list[Equilibrium]()
+    least = buckling_input(model)
+    if least is None:
         return found
+    problem = TipProblem.build(model, y)
+    for q, u in folded(model, plain.q, least):
+        with suppress(StaticsError, np.linalg.LinAlgError):
+            one = solve_at_tip(problem, q, u)
+            apart = (np.abs(model.coordinates(one.q) - model.coordinates(o.q)) for o in found)
+            if all(far.max() > SAME for far in apart):
+                found.append(one)
+    return found

@@ -126,6 +126,7 @@ class Diagnosis:
             "equilibrium": self._equilibrium(),
             "warnings": list(self.warnings),
             "doubts": list(self.doubts),
+            "ignored": list(robot.ignored),
         }
 
     def _equilibrium(self) -> dict[str, Any] | None:
@@ -159,6 +160,7 @@ class Diagnosis:
             "", *self._actuation_lines(),
             "", *self._stability_lines(),
             "", self._equilibrium_line(),
+            *(f"ignored: {', '.join(found)}" for found in [self.model.robot.ignored] if found),
             *(f"warning: {text}" for text in self.warnings),
             "", *(f"doubtful: {text}" for text in self.doubts),
             f"looks wrong in {count} ways" if count else well,

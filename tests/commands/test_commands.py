@@ -56,7 +56,7 @@ def test_the_shell_completes(line, expected, tmp_path):
 
 def test_examples_are_copied_whole_or_not_at_all(tmp_path, capsys):
     folder = tmp_path / "new" / "examples"
-    assert main(["examples", str(folder)]) == 0
+    assert main(["new", "--examples", str(folder)]) == 0
     theirs = ROOT / "docs" / "examples"
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == {
         path.name: path.read_bytes() for path in theirs.iterdir() if path.is_file()
@@ -65,10 +65,30 @@ def test_examples_are_copied_whole_or_not_at_all(tmp_path, capsys):
     for path in folder.glob("soft*"):
         path.unlink()
     capsys.readouterr()
-    assert main(["examples", str(folder)]) == 2
+    assert main(["new", "--examples", str(folder)]) == 2
     assert "tour.py" not in capsys.readouterr().out
     assert (folder / "tour.py").read_text() == "mine"
     assert not list(folder.glob("soft*"))
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("new", "FILE: expected a TOML file, or --examples DIR, got neither"),
+        ("new a.toml --examples DIR", "FILE: expected a TOML file, or --examples DIR, got both"),
+        ("new a.toml --segments 2 4", "expected --converge to go with them"),
+        ("new a.toml --converge --out b.urdf", "--out: expected none: --converge writes no file"),
+        ("new --examples DIR --converge", "--converge: expected a FILE to go with it"),
+        ("new --examples DIR --out b.urdf", "--out: expected a FILE to go with it"),
+    ],
+)
+def test_jobs_of_new_exclude_each_other(line, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(line.split()) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert said in err
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
@@ -111,11 +131,11 @@ def test_one_program_three_ways(tmp_path):
     entry = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]["softdyn"]
     assert entry == f"{softdyn_command.__name__}:main"
     outputs = []
-    for words in (["-m", "softdyn.commands", "examples"], [SCRIPTS / "examples.py"],
-                  ["-m", "softdyn.commands.examples"]):  # fmt: skip
+    for words in (["-m", "softdyn.commands", "new"], [SCRIPTS / "new.py"],
+                  ["-m", "softdyn.commands.new"]):  # fmt: skip
         folder = tmp_path / str(len(outputs))
         folder.mkdir()
-        command = [sys.executable, *words, "here"]
+        command = [sys.executable, *words, "--examples", "here"]
         done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
         assert done.returncode == 0, done.stderr
         outputs.append((done.stdout, {path.name for path in folder.rglob("*")}))

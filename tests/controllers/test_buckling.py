@@ -71,7 +71,8 @@ def test_a_pull_starts_far_from_the_path_and_lasts_a_stated_time() -> None:
 def test_folded_shapes_hold_a_point_that_the_simple_bend_does_not_hold(monkeypatch) -> None:
     monkeypatch.setattr(rest_target, "FOLDED", 60)
     model, y = load("spirob"), paper.set_point("spirob", 1.5).reference(0.0).y  # its own targets
-    found = RestTargets(model).ask(y).result()
+    found = RestTargets(model).find(y, waits=True)
+    assert found is not None
     plain = statics.approach(statics.rest(model), y, stay_stable=True)
     assert np.linalg.norm(plain.y - y) > 0.01
     assert len(found) > 1

@@ -136,16 +136,16 @@ def test_the_bounded_minimum_is_that_of_least_squares() -> None:
 
 
 def test_a_plan_leads_to_the_shape_of_a_target_that_then_acts(slide) -> None:
-    follow = PlanFollower(slide, 0.0, background=False)
+    follow = PlanFollower(slide, 0.0)
     follow.reset(0.1)
     far, near = slide.state([-0.4], [0.0]), slide.state([0.05], [0.0])
     still = np.zeros(1), np.zeros(1), np.array([0.2])
-    assert follow(GOAL, 0.5, far, *still) is None
+    assert follow(GOAL, 0.5, far, *still, waits=True) is None
     follow.begin([TARGET])
-    assert follow(GOAL, 0.05, near, *still) is None  # its shape is near enough: no plan
+    assert follow(GOAL, 0.05, near, *still, waits=True) is None  # its shape is near enough: no plan
     assert follow.target is TARGET
     follow.begin([TARGET])
-    answers = [follow(GOAL, 0.5, far, *still) for _ in range(8)]
+    answers = [follow(GOAL, 0.5, far, *still, waits=True) for _ in range(8)]
     assert [one is not None for one in answers] == [True] * 8
     np.testing.assert_array_equal(answers[:5], [[0.2]] * 5)  # while the plan is made
     plan = make_plan(slide, [-0.4], [0.0], [0.2], [TARGET], GOAL, wait=0.5)
@@ -153,7 +153,7 @@ def test_a_plan_leads_to_the_shape_of_a_target_that_then_acts(slide) -> None:
     np.testing.assert_allclose(plan.command(0.0, far.q, far.v, far.v), answers[5], rtol=1e-12)
     assert follow.target is TARGET
     # its end, and 1 s far from the target until the next: three in all
-    more = [follow(GOAL, 0.5, far, *still) is not None for _ in range(60)]
+    more = [follow(GOAL, 0.5, far, *still, waits=True) is not None for _ in range(60)]
     starts = [k for k in range(1, 60) if more[k] and not more[k - 1]]
     assert len(starts) == 2
     assert not any(more[-20:])

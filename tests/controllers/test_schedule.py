@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 from shutil import copy
@@ -24,12 +23,10 @@ from softdyn.controllers import (
     Status,
     find_controller,
 )
-from softdyn.controllers.schedule import make_schedule, schedule_path, tuned
+from softdyn.controllers.schedule import make_schedule, tuned
 from softdyn.controllers.staged import best
 from softdyn.description import library as catalogue
 from softdyn.validation import paper, simulate
-from softdyn.validation.studies.schedule_search import schedule_tables, schedule_toml
-from tests.support import ROOT
 from tests.support.control_cases import GAINS, drawn, recorded, robot
 
 SLOW, FAST = Gains(Kp=50.0, eps=0.2), Gains(Kp=900.0, eps=0.02)
@@ -93,43 +90,10 @@ def test_the_tip_leaves_beyond_the_distance_not_at_it() -> None:
         assert law._staying == stays
 
 
-def test_a_schedule_beside_a_file_is_for_that_content(tmp_path: Path) -> None:
-    file = tmp_path / "arm.urdf"
-    file.write_text(robot("finger").robot.path.read_text())
-    model = softdyn.load(file)
-    assert isinstance(best(model), Mpc)
-    written = tmp_path / "arm.schedule.toml"
-    mark = f'robot = "{model.robot.digest}"\n'
-    written.write_text(mark + schedule_toml(schedule_tables(SCHEDULE)))
-    law = best(softdyn.load(file))
-    assert isinstance(law, Staged)
-    assert law.gains == SCHEDULE
-    # a schedule given by name works like that of a bundled robot
-    assert make_schedule(tomllib.loads(written.read_text())) == SCHEDULE
-    # a changed comment does not matter, a changed spring does
-    file.write_text(file.read_text() + "<!-- mine -->")
-    assert isinstance(best(softdyn.load(file)), Staged)
-    changed = file.read_text().replace("<springStiffness>0.01", "<springStiffness>0.02", 1)
-    file.write_text(changed)
-    with pytest.warns(UserWarning, match=r"arm\.schedule\.toml was tuned for another robot"):
-        assert isinstance(best(softdyn.load(file)), Mpc)
-    model = softdyn.load(file)
-    written.write_text(f'robot = "{model.robot.digest}"\narrive = 1\n')
-    with pytest.raises(InputError, match=r"arm\.schedule\.toml: gains: expected a schedule"):
-        best(model)
-
-
-def test_a_schedule_of_annotations_lies_beside_them() -> None:
-    overlay = ROOT / "docs" / "examples" / "soft_ur5.xml"
-    model = softdyn.load("ur5", annotations=overlay)
-    assert schedule_path(model) == overlay.with_name("soft_ur5.schedule.toml")
-
-
 def test_the_tuned_schedule() -> None:
     name = "spirob"
     schedule = tuned(robot(name))
     assert schedule is not None
-    assert make_schedule(schedule_tables(schedule)) == schedule
     law = find_controller("best")(robot(name))
     assert isinstance(law, Staged)
     assert law.gains == schedule

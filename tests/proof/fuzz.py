@@ -28,7 +28,7 @@ that is killed after 5 s of processor time. A finding is
 --arguments damages command lines instead. A command must succeed and write every requested file, or
 report the error in one line and write no file (tests/proof/fuzzing/arguments.py).
 
---data damages logs, a store's results, a tuning's summary, a sweep and a schedule instead, and
+--data damages logs, a store's results, a sweep and a schedule instead, and
 reads them as their commands do. Lost content then is accepted content in which json, tomllib or
 numpy.load differ from the reader (tests/proof/fuzzing/data.py).
 
@@ -73,19 +73,19 @@ RUN = {
     "replay": ("log.npz --html page.html --labels one",),
     "compare": ("arm.urdf arm.urdf --samples 2 --json out.json",),
     "export": ("arm.urdf --mjcf out.xml --json out.json",),
-    "new": ("arm.toml --out new.urdf --json out.json",),
+    "new": (
+        "arm.toml --out new.urdf --json out.json",
+        "arm.toml --converge --segments 2 3 --json out.json",
+    ),
 }
 READ = {
     "run": "finger best --theta 0 --view --port 7000 --speed 2",
     "play": "finger best --port 7000 --no-open",
     "view": "finger --html page.html --port 7000",
-    "obstacle": "finger --theta 0.5 --duration 1 --limits --runs 2 --seed 1 --json out.json",
     "sweep": "robustness --robots finger helix --controllers best --period 0.01 --jobs 2 "
     "--out folder --dry-run --ensemble 3 --seed 2 --keep kept.json --json out.json",
-    "tune": "finger --gains a.toml --population 4 --seed 1 --out b.toml --summary c.json",
     "benchmark": "--robots finger --controllers ic uic --theta 0 1 --omega 0.1 --jobs 2",
-    "reproduce": "exact stale --robots finger --out folder --json out.json",
-    "step_time": "--robots finger --controllers ic --states 10 --no-stack --json out.json",
+    "step_time": "finger ic --theta 0.5 --seconds 0.1 --json out.json",
 }
 ADDED = (
     "--theta", "--target", "--duration", "--period", "--seed", "--samples", "--floating", "--json",

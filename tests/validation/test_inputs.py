@@ -76,7 +76,6 @@ def test_a_damaged_file_names_nothing(folder, name):
         ("check arm.urdf --json ./meshes/../arm.urdf", "arm.urdf"),
         ("view arm.urdf --html meshes/a.stl", "meshes/a.stl"),
         ("benchmark --robots arm.urdf --controllers ic law.py:Still --json law.py", "law.py"),
-        ("tune arm.urdf --gains s.toml --out s.toml", "s.toml"),
         ("statics arm.urdf --target 0 0 -0.1 --json arm.urdf", "arm.urdf"),
     ],
 )

@@ -130,7 +130,7 @@ def plan_report(
     """
     goal = np.asarray(goal, float)
     targets = RestTargets(model)
-    found = targets.ask(goal).result()
+    found = targets.find(goal, waits=True) or ()
     if not found:
         raise StaticsError(f"no equilibrium of {model.name} for the tip at {goal} m", np.inf)
     start = statics.approach(statics.rest(model), goal, stay_stable=True)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from softdyn import SoftModel
-from softdyn.controllers import Mpc, registry
+from softdyn.controllers import registry
 from softdyn.controllers.safety_filter import among
 from softdyn.safety import Surroundings
 
@@ -23,9 +23,6 @@ def menu_of(
 
 
 def make_law(name: str, make: Make, model: SoftModel, **arguments: Any) -> tuple[Any, bool]:
-    """A controller of the menu, and whether it is ours. It searches ways in the background."""
+    """A controller of the menu, and whether it is ours."""
     law = registry.make_controller(name, model, cls=make, **arguments)
-    inner = getattr(law, "inner", law)
-    if isinstance(inner, Mpc) and inner.targets is not None:
-        inner.targets.background = True  # a search takes seconds
-    return law, type(inner).__module__.startswith("softdyn.")
+    return law, type(getattr(law, "inner", law)).__module__.startswith("softdyn.")

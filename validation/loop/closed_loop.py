@@ -14,7 +14,7 @@ from tqdm.auto import tqdm
 
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import array
-from softdyn.controllers.controller import guard_of
+from softdyn.controllers.controller import guard_of, waiting
 from softdyn.description.robot import input_unit
 from softdyn.dynamics.model import check_model
 from softdyn.estimation import Observer
@@ -82,7 +82,8 @@ class ClosedLoop:
         Returns an array u (nu,), or an object with `u` and optionally V, delta, status. These
         attributes are recorded if they exist: integers `not_solved` and `fallbacks`, a float
         `max_bound_violation` (of the controller or its `guard`), and `gains` or `parameters`. A
-        method `reset` is called once before the run with the control period (s). Its exceptions are
+        method `reset` is called once before the run with the control period (s). An attribute
+        `waits` is True during its calls, so that they wait for its searches. Its exceptions are
         passed on; those of a step have the run so far as their attribute ``log``.
     reference : Experiment or Callable[[float], Reference]
         The second is of t (s), e.g. a `SetPoint`. `nowhere` is for a rollout, in which no distance
@@ -274,9 +275,10 @@ class ClosedLoop:
             return None
         if self._observe is not None:
             spent = self._observe.nanoseconds
-        began = perf_counter_ns()
-        output = controller(seen, target)
-        spent += perf_counter_ns() - began
+        with waiting(controller):
+            began = perf_counter_ns()
+            output = controller(seen, target)
+            spent += perf_counter_ns() - began
         fault = record.output(k, output, spent)
         if fault is not None:
             self._end(verdict.no_input(t, fault))

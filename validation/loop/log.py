@@ -80,7 +80,7 @@ class Log:
     source : LoggedRobot
         The robot, with the text of its file at the time of the run.
     Vdot, delta_true : np.ndarray, (N,), or None
-        For a `Certified` controller: V̇ and the relaxation computed with the model's acceleration.
+        Of a `certified` log: V̇ and the relaxation computed with the model's acceleration.
     plant : str or None
         Name of the user's file that was the plant, None where it was the twin.
     command : np.ndarray, (N, nu), or None
@@ -107,6 +107,9 @@ class Log:
         Among obstacles: the smallest value of every barrier (m).
     obstacles : dict or None
         The table of these barriers, see `softdyn.safety.Surroundings`.
+    distance : np.ndarray, (N,), or None
+        Of a controller that found an equilibrium to go to: from the reference to its tip (m), NaN
+        before it was found.
     """
 
     t: np.ndarray
@@ -165,6 +168,7 @@ class Log:
     marks: tuple[TaskMark, ...] = ()
     reserve: np.ndarray | None = None
     obstacles: dict[str, Any] | None = None
+    distance: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         for array in self._arrays().values():
@@ -341,6 +345,14 @@ class Log:
         last, half = self.disturbances[-1].tolist(), (SIGMAS * self.deviations[-1]).tolist()
         columns = zip(last, half, self.disturbance_units, strict=True)
         return dict(zip(self.disturbance_names, columns, strict=True))
+
+    @property
+    def found_at(self) -> tuple[int, ...]:
+        """The steps at which an equilibrium arrived that the controller then went to."""
+        if self.distance is None:
+            return ()
+        known = np.isfinite(self.distance)
+        return tuple(np.flatnonzero(known & ~np.append(False, known[:-1])).tolist())
 
     @property
     def task_figures(self) -> dict[str, Any]:

@@ -33,7 +33,7 @@ SHAPES = {
     "u_min": ("nu",),
     "u_max": ("nu",),
 }
-# only from a `Certified` controller
+# only of a `certified` log
 CERTIFIED = {"Vdot": ("steps",), "delta_true": ("steps",)}
 # only from a run with a rig
 RIGGED = {
@@ -49,9 +49,11 @@ TASKED = {"tasks": ("samples", "columns")}
 AIMED = {"targets": ("samples", "numbers")}
 # only from a run among obstacles
 SURROUNDED = {"reserve": ("samples", "barriers")}
+# only from a controller that found an equilibrium to go to
+GOING = {"distance": ("steps",)}
 # only from an observer of disturbances
 ESTIMATED = dict.fromkeys(("disturbances", "deviations"), ("samples", "disturbances"))
-EXTRA = CERTIFIED | RIGGED | TASKED | AIMED | SURROUNDED | ESTIMATED
+EXTRA = CERTIFIED | RIGGED | TASKED | AIMED | SURROUNDED | GOING | ESTIMATED
 # keys that older logs lack
 NAMES = (
     "sensor_names", "command_units", "sensor_units", "task_names", "task_units",
@@ -87,7 +89,7 @@ def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]
         raise InputError(where, f"a log of format {FORMAT}", _format(about) or "another format")
     if set(about) != names | {"format"}:
         raise InputError(where, f"entries {sorted(names)}", sorted(about))
-    groups = (SHAPES, CERTIFIED, RIGGED, TASKED, AIMED, SURROUNDED, ESTIMATED)
+    groups = (SHAPES, CERTIFIED, RIGGED, TASKED, AIMED, SURROUNDED, GOING, ESTIMATED)
     whole = [group for group in groups if group is SHAPES or not {*group}.isdisjoint(arrays)]
     if {name for group in whole for name in group} != set(arrays):
         raise InputError(where, f"arrays {', '.join(SHAPES)}", ", ".join(arrays))

@@ -16,11 +16,11 @@ import numpy as np
 import softdyn
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import number
-from softdyn.controllers.controller import InputGuard
+from softdyn.controllers.controller import Command, InputGuard
 from softdyn.controllers.qps.stacked_error import rows_of
 from softdyn.tasks.marks import marks_of, target_row
 from softdyn.tasks.task import Task, errors_along
-from softdyn.validation.loop.log_checks import CERTIFIED, EXTRA, SHAPES
+from softdyn.validation.loop.log_checks import EXTRA, GOING, SHAPES
 
 LONGEST = 200  # characters of a status
 LARGEST = 2**53  # of a count: a float represents all integers up to it
@@ -116,8 +116,10 @@ class Recorder:
             return str(error)
         self.V[k] = _scalar(getattr(answer, "V", None))
         self.delta[k] = _scalar(getattr(answer, "delta", None))
-        if hasattr(answer, "delta_true"):
-            self._certify(k, answer)
+        if isinstance(answer, Command) and math.isfinite(answer.distance):
+            if "distance" not in self._extra:
+                self.extra(GOING)
+            self.put(k, distance=np.array(answer.distance))
         status = getattr(answer, "status", "")
         self._statuses.append(str(status.value if isinstance(status, Enum) else status)[:LONGEST])
         self.step_us[k] = nanoseconds / 1e3
@@ -135,12 +137,6 @@ class Recorder:
         """Record values at sample or step `k`, by the names of `EXTRA`."""
         for name, value in values.items():
             self._extra[name][k] = value
-
-    def _certify(self, k: int, answer: Any) -> None:
-        for name in CERTIFIED:
-            if name not in self._extra:
-                self._extra[name] = np.full(len(self.V), np.nan)
-            self._extra[name][k] = _scalar(getattr(answer, name, None))
 
     def task_errors(self, steps: int, controller: object, reference: Any) -> dict[str, Any]:
         """Errors of a controller's `tasks` at the finite samples, and the targets of the tasks."""

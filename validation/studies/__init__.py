@@ -6,9 +6,6 @@
 - `sweep`: a grid, random samples or one change at a time; `sweep_file` and `sweep_values` read it
   from a TOML file, `sweep_report` writes its tables. ``sweeps/`` has the shipped files.
 - `side_by_side`: `benchmark` from Python, with a user's own controller classes.
-- `tuning`, `tuning_targets`: a schedule for `best` on a user's robot, and its test targets.
-- `paper_tuning`: the schedules of the bundled robots, on the paper's ellipse.
-- `schedule_search`: CMA-ES on one stage of a schedule, used by both tunings.
 - `obstacle`: the tip moves past a ball, with and without barriers.
 - `study_targets`: the paper's targets for its robots, sampled equilibria for any other.
 """

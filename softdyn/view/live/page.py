@@ -69,6 +69,6 @@ def live_page(
     }
     own = partial(asset, room="softdyn.view.live")
     shared = (asset("figure.js"), asset("chart.js"))
-    parts = (*shared, own("handle.js"), own("recent.js"), own("live.js"))
+    parts = (*shared, own("handle.js"), own("live.js"))
     style = asset("style.css") + own("live.css")
     return scene_page(own("live.html"), style, "\n</script>\n<script>\n".join(parts), scene)

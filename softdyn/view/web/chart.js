@@ -2,46 +2,68 @@
 // Curves over time on a canvas: the strips beside a live robot, and the timeline of a replay.
 
 const SPARE = 5;  // pixels above and below the curves
+const SLOTS = 300;  // about one for each pixel of a strip
+const THICK = 1.3;  // pixels of a curve
 const NUMBER = 10;  // least distance (pixels) of two numbers of the vertical axis
 
-/** Index of the first value that is not below x, in an array that grows. */
-function atOrAfter(values, x) {
-  let low = 0, high = values.length;
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (values[middle] < x) low = middle + 1;
-    else high = middle;
-  }
-  return low;
-}
-
 /**
- * The samples that a drawing needs: the first, least, largest and last one of each interval of time.
+ * Columns of numbers over the last seconds, in slots of time.
  *
- * Intervals begin at multiples of their length, so a curve that moves to the left keeps its shape.
- *
- * @param {ArrayLike<number>} t times that grow
- * @param {ArrayLike<number>} y values; NaN is a gap
- * @param {number} begin index of the first sample
- * @param {number} end index after the last sample
- * @param {number} length of an interval, that of a pixel
- * @returns {number[]} indices that grow
+ * A slot keeps the time of its first row and the extremes of each column. A drawing therefore costs
+ * the same for seconds and for minutes. Slots begin at multiples of their length, so a curve that
+ * moves to the left keeps its shape.
  */
-function thinned(t, y, begin, end, length) {
-  const found = [];
-  for (let first = begin; first < end;) {
-    const next = (Math.floor(t[first] / length) + 1) * length;
-    let low = first, high = first, last = first;
-    for (; last + 1 < end && t[last + 1] < next; last++) {
-      const value = y[last + 1];
-      if (value < y[low] || Number.isNaN(y[low])) low = last + 1;
-      if (value > y[high] || Number.isNaN(y[high])) high = last + 1;
-    }
-    for (const i of [first, Math.min(low, high), Math.max(low, high), last])
-      if (!found.length || i > found[found.length - 1]) found.push(i);
-    first = last + 1;
+class Slots {
+  /**
+   * @param {string[]} names of the columns
+   * @param {number} span seconds that are kept at least
+   * @param {number} [count] number of slots
+   */
+  constructor(names, span, count = SLOTS) {
+    Object.assign(this, {names, span, count, size: span / (count - 1)});
+    // twice as long as needed: when they are full, the newer half becomes the older one
+    const column = () => new Float32Array(2 * count);
+    this.times = column();
+    this.least = Object.fromEntries(names.map(name => [name, column()]));
+    this.most = Object.fromEntries(names.map(name => [name, column()]));
+    this.clear();
   }
-  return found;
+  clear() { this.first = this.end = 0; }
+  get length() { return this.end - this.first; }
+
+  /**
+   * @param {number} t time (s), not before that of the last row
+   * @param {Object<string, number>} row a number for each column; one that is not finite is a gap
+   */
+  push(t, row) {
+    const slot = Math.floor(t / this.size);
+    if (!this.length || slot != this.slot) this.begin(t);
+    const k = this.end - 1;
+    for (const name of this.names) {
+      const value = row[name], [least, most] = [this.least[name], this.most[name]];
+      if (!Number.isFinite(value)) continue;
+      if (!(least[k] <= value)) least[k] = value;  // also if it is NaN
+      if (!(most[k] >= value)) most[k] = value;
+    }
+    this.slot = slot;
+    this.last = t;
+  }
+  begin(t) {
+    const columns = [this.times, ...Object.values(this.least), ...Object.values(this.most)];
+    if (this.end == 2 * this.count) {
+      for (const column of columns) column.copyWithin(0, this.first);
+      [this.first, this.end] = [0, this.length];
+    }
+    for (const column of columns) column[this.end] = NaN;
+    this.times[this.end++] = t;
+    this.first = Math.max(this.first, this.end - this.count);
+  }
+
+  /** @returns {{t: Float32Array, least: Float32Array, most: Float32Array}} the slots of a column */
+  column(name) {
+    const part = column => column.subarray(this.first, this.end);
+    return {t: part(this.times), least: part(this.least[name]), most: part(this.most[name])};
+  }
 }
 
 /** Round numbers (1, 2 or 5 times a power of ten) between two ends, about `count` of them. */
@@ -88,11 +110,11 @@ class Logarithmic {
   ticks(low, high) { return powersOfTen(low, high); }
 }
 
-/** A scale for both signs: linear up to `small`, logarithmic beyond. */
+/** A scale for both signs, with 0 in it: linear up to `small`, logarithmic beyond. */
 class Symmetric {
   constructor(small) { this.small = small; }
   place(y) { return Math.asinh(y / this.small); }
-  ends(low, high) { return [low, Math.max(high, low + this.small)]; }
+  ends(low, high) { return [Math.min(low, 0), Math.max(high, this.small)]; }
   ticks(low, high) { return powersOfTen(low, high); }
 }
 
@@ -104,8 +126,7 @@ function short(x) {
 }
 
 /**
- * Curves over time on a canvas. The cost of a drawing depends on its width: of many samples within
- * a pixel only the extremes are drawn.
+ * Curves over time on a canvas.
  */
 class Chart {
   /**
@@ -118,28 +139,25 @@ class Chart {
    */
   constructor(canvas, scale, {left = 0, bottom = 0, marks = []} = {}) {
     Object.assign(this, {canvas, scale, left, bottom, marks});
-    this.pen = canvas.getContext("2d");
+    // drawn by the processor, because that is fast enough for few pixels anywhere
+    this.pen = canvas.getContext("2d", {willReadFrequently: true});
   }
 
   /**
-   * @param {{t: ArrayLike<number>, y: ArrayLike<number>, colour: string}[]} curves
+   * @param {{t: Float32Array, least: Float32Array, most: Float32Array, colour: string}[]} curves
    * @param {number} from time at the left end
    * @param {number} to time at the right end
    */
   draw(curves, from, to) {
     this.fit();
-    const pixel = (to - from) / this.width;
-    const samples = curves.map(({t, y}) => {
-      const begin = Math.max(0, atOrAfter(t, from) - 1);  // the line enters from the left
-      return thinned(t, y, begin, Math.min(t.length, atOrAfter(t, to) + 1), pixel);
-    });
     let [low, high] = [Infinity, -Infinity];
-    const include = y => {
-      if (y < low) low = y;
-      if (y > high) high = y;
+    const include = (least, most) => {
+      if (least < low) low = least;
+      if (most > high) high = most;
     };
-    this.marks.forEach(include);
-    curves.forEach(({y}, k) => { for (const i of samples[k]) include(y[i]); });
+    for (const value of this.marks) include(value, value);
+    for (const {t, least, most} of curves)
+      for (let k = 0; k < t.length; k++) if (t[k] >= from) include(least[k], most[k]);
     this.setRange(from, to, low <= high ? this.scale.ends(low, high) : this.scale.ends(0, 0));
     this.drawAxes();
     this.pen.save();
@@ -147,7 +165,7 @@ class Chart {
     this.pen.rect(this.left, 0, this.width, this.height);
     this.pen.clip();
     this.drawMarks();
-    curves.forEach((curve, k) => this.drawCurve(curve, samples[k]));
+    for (const curve of curves) this.drawCurve(curve);
     this.pen.restore();
   }
 
@@ -201,6 +219,7 @@ class Chart {
       pen.textAlign = "center";
       pen.textBaseline = "bottom";
       for (const t of roundNumbers(this.from, this.to, this.width / 60)) {
+        if (t < 0) continue;  // before the run
         const x = Math.round(this.x(t)) + 0.5;
         line(x, 0, x, this.height);
         pen.fillText(String(Number(t.toFixed(6))), x, this.height + this.bottom);
@@ -222,20 +241,21 @@ class Chart {
     pen.setLineDash([]);
   }
 
-  drawCurve({t, y, colour}, indices) {
+  /** A bar from the least to the largest number of each slot, and a line from bar to bar. */
+  drawCurve({t, least, most, colour}) {
     const {pen} = this;
-    pen.strokeStyle = colour;
-    pen.lineWidth = 1.3;
-    pen.lineJoin = "round";
+    pen.strokeStyle = pen.fillStyle = colour;
+    pen.lineWidth = THICK;
+    pen.lineJoin = "bevel";
     pen.beginPath();
-    let drawn = false;  // whether the pen is down
-    for (const i of indices) {
-      if (Number.isNaN(y[i])) drawn = false;
-      else if (drawn) pen.lineTo(this.x(t[i]), this.y(y[i]));
-      else {
-        pen.moveTo(this.x(t[i]), this.y(y[i]));
-        drawn = true;
-      }
+    let last = NaN;  // height of the line's end; NaN after a gap
+    for (let k = 0; k < t.length; k++) {
+      const x = this.x(t[k]), [low, high] = [this.y(least[k]), this.y(most[k])];
+      const near = Math.min(Math.max(last, high), low);
+      if (Number.isNaN(near)) pen.moveTo(x, low);
+      else pen.lineTo(x, near);
+      if (low - high > THICK) pen.fillRect(x - THICK / 2, high, THICK, low - high);
+      last = Number.isNaN(near) ? low : near;
     }
     pen.stroke();
   }

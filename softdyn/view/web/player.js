@@ -318,11 +318,11 @@ class Player {
     });
   }
   drawCurves() {  // the error over time behind the slider
-    const curves = this.tracks.filter(track => track.aims && track.frames.length > 1).map(track => ({
-      t: Float32Array.from(track.frames, frame => frame[0]),
-      y: Float32Array.from(track.frames, frame => track.error(frame)),
-      colour: track.colour || "#2b6f9e",
-    }));
+    const curves = this.tracks.filter(track => track.aims && track.frames.length > 1).map(track => {
+      const slots = new Slots(["error"], this.duration || 1, 1000);
+      for (const frame of track.frames) slots.push(frame[0], {error: track.error(frame)});
+      return {...slots.column("error"), colour: track.colour || "#2b6f9e"};
+    });
     this.curves.draw(curves, 0, this.duration || 1);
   }
 

@@ -25,15 +25,13 @@ import numpy as np
 
 import softdyn
 from softdyn import InputError, SetPoint, SoftdynError
-from softdyn.controllers import SoftIdClfQp
-from softdyn.controllers.schedule import make_schedule
+from softdyn.controllers import SoftIdClfQp, schedule
 from softdyn.files import read_toml
-from softdyn.validation.files import to_json
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.log_checks import NAMES, SHAPES
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.simulate import simulate
-from softdyn.validation.studies import paper_tuning, schedule_search, sweep_file
+from softdyn.validation.studies import sweep_file
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.store import Store
@@ -98,7 +96,7 @@ class Kind:
 
 
 def kinds() -> list[Kind]:
-    """A log, a store's result and step times, a tuning's summary, a sweep, a schedule, an arm."""
+    """A log, a store's result and step times, a sweep, a schedule, an arm."""
     model = softdyn.load("finger")
     law = SoftIdClfQp(model)
     log = simulate(model, law, SetPoint([0.1, 0.0, -0.1]), duration=0.02)
@@ -106,9 +104,7 @@ def kinds() -> list[Kind]:
     (job,) = worker.jobs_of([Case("finger", "ic", "set_point", 0.5)])
     ended = CaseResult({"outcome": "done", "reason": None, "mse_cm2": 1.5, "failed": False},
                     step_us=log.step_times_us)  # fmt: skip
-    schedule = paper_tuning.first_schedule("finger")
-    toml = schedule_search.schedule_toml(schedule)
-    search = paper_tuning.Search("finger", schedule, {"approach": 2, "stay": 1}, 4, 2, 1)
+    toml = (schedule.FOLDER / "spirob.toml").read_bytes()
     with TemporaryDirectory() as name:
         folder = Path(name)
         log.save(folder / "log.npz")
@@ -117,14 +113,12 @@ def kinds() -> list[Kind]:
         result = store.result_path(job.name).read_bytes()
         times = (folder / "times" / f"{job.name}.json").read_bytes()
         npz = (folder / "log.npz").read_bytes()
-    summary = to_json({"settings": asdict(search), "winners": {}, "finals": []}).encode()
     return [
         Kind("log.npz", npz, change_npz, read_log),
         Kind("result.json", result, change_json, Stored("runs", result)),
         Kind("times.json", times, change_json, Stored("times", times)),
-        Kind("summary.json", summary, change_json, read_summary),
         Kind("sweep.toml", SWEEP.encode(), change_text, read_sweep),
-        Kind("schedule.toml", toml.encode(), change_text, read_schedule),
+        Kind("schedule.toml", toml, change_text, read_schedule),
         Kind("arm.toml", ARM.encode(), change_text, read_arm),
     ]
 
@@ -132,7 +126,7 @@ def kinds() -> list[Kind]:
 def mutant(bases: Sequence[Kind], seed: int, index: int) -> tuple[Kind, bytes]:
     """The input number `index` of a seed, and its kind; independent of all other inputs."""
     rng = random.Random(f"{seed}:{index}")
-    kind = rng.choices(bases, (4, 1, 1, 2, 2, 2, 2))[0]
+    kind = rng.choices(bases, (4, 1, 1, 2, 2, 2))[0]
     data = kind.base
     for _ in range(rng.choice((1, 1, 2, 3))):
         data = rng.choice((kind.change, kind.change, changed_bytes))(rng, data)
@@ -218,17 +212,6 @@ class Stored:
         return "" if repr(sorted(found.items())) == repr(sorted(content.items())) else "an edit"
 
 
-def read_summary(data: bytes, path: Path) -> str:
-    """Read a tuning's summary; the settings must be those in the file, and valid."""
-    path.write_bytes(data)
-    search = paper_tuning.read_search(path)
-    schedule_search.schedule_toml(search.start)
-    settings = json.loads(data)["settings"]
-    return (
-        "" if repr(sorted(settings.items())) == repr(sorted(vars(search).items())) else "settings"
-    )
-
-
 def read_sweep(data: bytes, path: Path) -> str:
     """Read a sweep; it must have every robot, controller, target and parameter of the file."""
     path.write_bytes(data)
@@ -258,10 +241,11 @@ def read_schedule(data: bytes, path: Path) -> str:
     """Read a schedule; it must have every number of the file."""
     path.write_bytes(data)
     table = read_toml(path)
-    found = schedule_search.schedule_tables(make_schedule(table))
+    found = asdict(schedule.make_schedule(table))
     for name, value in table.items():
         if isinstance(value, dict):
-            if any(found[name][key] != number for key, number in value.items()):
+            stage = found[name] | found[name]["gains"]
+            if any(stage[key] != number for key, number in value.items()):
                 return name
         elif found[name] != value:
             return name

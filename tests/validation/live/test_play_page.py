@@ -18,7 +18,7 @@ from softdyn.validation import Rig, paper, play
 from softdyn.validation.live.watching import open_watch_page, watch
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.report.replay import replay
-from tests.support import SCRIPTS, micro, winched
+from tests.support import PATIENCE, SCRIPTS, micro, winched
 from tests.support.browser import Browser, required
 
 pytestmark = required()
@@ -42,7 +42,7 @@ def url(tmp_path_factory):
     try:
         yield process.stdout.readline().strip()
         process.terminate()
-        assert process.wait(120) == 0
+        assert process.wait(PATIENCE) == 0
     finally:
         process.kill()
 
@@ -112,13 +112,41 @@ def test_the_target_follows_the_mouse_and_the_tip_the_target(browser):
     now = vector(browser, "y_ref")
     assert now[1] == pytest.approx(before[1], abs=1e-6)
     np.testing.assert_allclose(now, goal, atol=0.006)  # a pixel is about a millimetre
-    browser.until("softdyn.recent.column('error').slice(-20).every(e => e < 0.05)")  # cm
+    browser.until("softdyn.recent[0].column('error').most.slice(-20).every(e => e < 0.05)")  # cm
 
     browser.drag(
         on_screen(browser, now), on_screen(browser, now + np.array([0, 0.05, 0])), shift=True
     )
     browser.until("Math.abs(softdyn.part(softdyn.last, 'y_ref')[1] - 0.05) < 0.015")
     np.testing.assert_allclose(vector(browser, "y_ref")[[0, 2]], now[[0, 2]], atol=1e-6)
+
+
+def test_a_drag_leaves_the_camera_alone_and_a_finger_moves_the_target_in_depth(browser):
+    camera = "softdyn.viewer.camera.position.toArray()"
+    before, seen = vector(browser, "y_ref"), browser.run(camera)
+    arrow = before + np.array([0, 0.15 * browser.run("softdyn.size"), 0])
+    start, end = on_screen(browser, arrow), on_screen(browser, arrow + np.array([0, 0.05, 0]))
+    touch(browser, "touchStart", start)
+    touch(browser, "touchStart", start, [100, 300])  # another finger beside the robot
+    for part in (0.5, 1.0):
+        at = [a + part * (b - a) for a, b in zip(start, end, strict=True)]
+        touch(browser, "touchMove", at, [100 + 50 * part, 300])
+        browser.settle()
+    touch(browser, "touchEnd")
+    browser.until("!softdyn.handle.dragging")
+    browser.until(f"softdyn.part(softdyn.last, 'y_ref')[1] > {before[1]} + 0.03")
+    now = vector(browser, "y_ref")
+    assert now[1] == pytest.approx(before[1] + 0.05, abs=0.015)
+    np.testing.assert_allclose(now[[0, 2]], before[[0, 2]], atol=1e-6)
+    assert browser.run(camera) == seen
+    browser.drag([100, 300], [160, 300])
+    assert np.linalg.norm(np.subtract(browser.run(camera), seen)) > 0.01
+    browser.key("f")
+
+
+def touch(browser, kind, *points):
+    places = [{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(points)]
+    browser._call("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places})
 
 
 def test_a_pushed_link_deflects_and_returns(browser):
@@ -235,6 +263,7 @@ def test_a_watched_run_leaves_a_page_that_replays_it(other, tmp_path):
     plots, (panel,) = other.run(right % ".plot canvas"), other.run(right % "#side")
     assert len(plots) > 4
     assert max(plots) < panel  # the newest part is not cut off
+    assert other.console == []
 
 
 def test_sliders_explore_rests(other, tmp_path):
@@ -261,14 +290,15 @@ def test_sliders_explore_rests(other, tmp_path):
             frame[softdyn.scene.columns.V[0]] = k;
             softdyn.take(frame);
           }
-          const all = softdyn.recent.column("t"), since = atOrAfter(all, all.at(-1) - 12);
-          const [t, V, u0] = ["t", "V", "u0"].map(n => softdyn.recent.column(n).subarray(since));
-          return [t.length, V.length, u0.length, t.at(-1) - t[0], V.at(-1)];
+          const [last, ...lines] = ["V", "u0"].map(name => softdyn.recent[0].column(name));
+          const since = last.t.findIndex(t => t >= last.t.at(-1) - 12), t = last.t.slice(since);
+          return [t.length, last.most.slice(since).length, lines[0].least.slice(since).length,
+            t.at(-1) - t[0], last.most.at(-1)];
         })()""")
         assert lengths == [241, 241, 241, 12, 399]
         assert page.console == []
         process.terminate()
-        assert process.wait(120) == 0
+        assert process.wait(PATIENCE) == 0
     finally:
         process.kill()
 

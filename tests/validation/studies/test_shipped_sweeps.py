@@ -16,7 +16,7 @@ import pytest
 import softdyn
 from softdyn import InputError
 from softdyn.controllers.gains import PUBLISHED
-from softdyn.validation.studies import paper_tuning, study_targets, sweep_report
+from softdyn.validation.studies import study_targets, sweep_report
 from softdyn.validation.studies.engine import distribution
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.distribution import Distribution
@@ -150,11 +150,12 @@ def test_periods_are_those_up_to_the_published_one() -> None:
 
 def test_other_set_points_than_the_paper_s() -> None:
     cells = read_sweep("set_points").cells
-    assert len(cells) == 3 * len(paper_tuning.MANY_THETAS)
+    thetas = {case.value for case in cells.values()}
+    assert len(cells) == 3 * len(thetas) == 42
+    assert not thetas & {0.0, 0.5, 1.0, 1.5}
     assert {(c.robot, c.controller, c.period) for c in cells.values()} == {
         ("spirob", "best", period) for period in (0.001, 0.002, 0.005)
     }
-    assert tuple(dict.fromkeys(c.value for c in cells.values())) == paper_tuning.MANY_THETAS
 
 
 def test_a_missed_set_point_gets_its_nearest_stable_equilibrium(

@@ -15,7 +15,7 @@ from softdyn.controllers import Gains
 from softdyn.validation import Log, paper, simulate
 from softdyn.validation.studies import sweep, sweep_report
 from softdyn.validation.studies.engine import executors, fingerprint, worker
-from tests.support import SCRIPTS
+from tests.support import PATIENCE, SCRIPTS
 from tests.support.sweeps import FINGER, OWN, OWN_SWEEP, contents, results, wait_for
 
 # -- what it leaves behind -------------------------------------------------------------------------
@@ -156,7 +156,7 @@ def test_neither_an_interruption_nor_the_number_of_workers_changes_a_byte(folder
         already = len(results(Path("out")))
         wait_for(lambda n=already: len(list(Path("out").rglob("cases/**/*.json"))) > n + 5)
         process.send_signal(end)
-        _, err = process.communicate(timeout=20)
+        _, err = process.communicate(timeout=PATIENCE)
         if process.returncode == 0:  # finished before the kill
             break
         assert process.returncode == expected

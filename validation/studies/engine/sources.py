@@ -18,7 +18,6 @@ import softdyn
 from softdyn import InputError, SoftdynError, SoftModel
 from softdyn.controllers import find_controller
 from softdyn.controllers.registry import is_own
-from softdyn.controllers.schedule import schedule_path
 from softdyn.description.library import bundled_names, find
 from softdyn.validation.inputs import imported
 from softdyn.validation.studies.engine.fingerprint import digest, has_digest
@@ -91,7 +90,7 @@ def of_robot(
 ) -> tuple[Source, SoftModel]:
     """A robot's source and its model; a relative path is relative to `folder`.
 
-    The source contains the schedule beside the file and the file of its `annotations`.
+    The source contains the file of its `annotations`.
 
     Raises
     ------
@@ -102,12 +101,10 @@ def of_robot(
     own = text not in bundled_names() and os.path.isfile(beside)
     model = load_model(beside if own else text, annotations and folder / annotations)
     own = own and model.bundled is None
-    schedule = [schedule_path(model)] if os.path.isfile(schedule_path(model)) else []
     if annotations is None:
-        beside_it = schedule if own else []
-        return Source.of(model.bundled or text, [model.robot.path, *beside_it], own), model
+        return Source.of(model.bundled or text, [model.robot.path], own), model
     found = Source.of(text, [model.robot.path], own)
-    overlay = Source.of(annotations, [folder / annotations, *schedule], own=True)
+    overlay = Source.of(annotations, [folder / annotations], own=True)
     return replace(found, overlay=overlay), model
 
 

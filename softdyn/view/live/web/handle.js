@@ -20,6 +20,20 @@ function pointerRay({dom_element: pane, camera}, {clientX, clientY}) {
   return rays.ray;
 }
 
+/** A function that gives the angle of a ray's place in the plane through a centre. */
+function angleAbout(axis, centre) {
+  const plane = new T.Plane().setFromNormalAndCoplanarPoint(axis, centre), place = new T.Vector3();
+  const flat = new T.Quaternion().setFromUnitVectors(axis, new T.Vector3(0, 0, 1));
+  let last = 0;  // kept while the ray misses the plane
+  return ray => {
+    if (ray.intersectPlane(plane, place)) {
+      place.sub(centre).applyQuaternion(flat);
+      last = Math.atan2(place.y, place.x);
+    }
+    return last;
+  };
+}
+
 /** Distance of a pointer from a line through points of the window (pixels). */
 function distance(x, y, points) {
   let least = Infinity;
@@ -51,7 +65,8 @@ class Handle {
     this.held = null;  // the part that a pointer holds
     const ball = this.part("ball", [new T.Vector3()], (...press) => this.carry(...press));
     ball.radius = 0.02 * size;
-    const axes = AXES.map(([colour, axis]) => ({colour, axis, way: new T.Vector3().setComponent(axis, 1)}));
+    const axes = AXES.map(([colour, axis]) =>
+      ({colour, name: "xyz"[axis], way: new T.Vector3().setComponent(axis, 1)}));
     this.moves = [ball, ...axes.map(axis => this.arrow(axis))];
     this.spins = axes.map(axis => this.ring(axis));
     this.turns = false;
@@ -60,7 +75,7 @@ class Handle {
   get dragging() { return this.held !== null; }
   get turns() { return this.turning; }
   set turns(on) {
-    this.release();
+    this.held = null;
     this.turning = on;
     this.show();
   }
@@ -81,25 +96,33 @@ class Handle {
     return made;
   }
 
-  arrow({colour, axis, way}) {
-    const reach = 0.2 * this.size, line = [0.4 * reach, reach].map(x => way.clone().multiplyScalar(x));
-    const part = this.part("xyz"[axis], line, (...press) => this.slide(way, ...press));
-    lay(this.shape(part, ROD, colour), ...line, 0.0025 * this.size);
-    const head = this.shape(part, new T.ConeGeometry(0.012 * this.size, 0.04 * this.size, 16), colour);
-    head.position.copy(line[1]);
+  arrow({colour, name, way}) {
+    const ends = [0.08, 0.2].map(x => way.clone().multiplyScalar(x * this.size));
+    const part = this.part(name, ends, (...press) => this.slide(way, ...press));
+    lay(this.shape(part, ROD, colour), ...ends, 0.0025 * this.size);
+    const cone = new T.ConeGeometry(0.012 * this.size, 0.04 * this.size, 16);
+    const head = this.shape(part, cone, colour);
+    head.position.copy(ends[1]);
     head.quaternion.setFromUnitVectors(UP, way);
     return part;
   }
 
-  ring({colour, axis, way}) {
-    const radius = 0.17 * this.size, turn = new T.Quaternion()
-      .setFromUnitVectors(new T.Vector3(0, 0, 1), way);
-    const line = Array.from({length: 49}, (_, k) => new T.Vector3(
-      radius * Math.cos(Math.PI * k / 24), radius * Math.sin(Math.PI * k / 24), 0).applyQuaternion(turn));
-    const part = this.part("xyz"[axis], line, (...press) => this.spin(way, radius, ...press));
-    this.shape(part, new T.TorusGeometry(radius, 0.003 * this.size, 8, 72), colour)
-      .quaternion.copy(turn);
+  ring({colour, name, way}) {
+    const radius = 0.17 * this.size;
+    const turn = new T.Quaternion().setFromUnitVectors(new T.Vector3(0, 0, 1), way);
+    const line = Array.from({length: 49}, (_, k) => new T.Vector3(radius, 0, 0)
+      .applyAxisAngle(new T.Vector3(0, 0, 1), Math.PI * k / 24).applyQuaternion(turn));
+    const part = this.part(name, line, (...press) => this.spin(way, radius, ...press));
+    const torus = new T.TorusGeometry(radius, 0.003 * this.size, 8, 72);
+    this.shape(part, torus, colour).quaternion.copy(turn);
     return part;
+  }
+
+  /** Whether it can be grasped; if not, a drag has ended, even if the button is still down. */
+  enable(on) {
+    this.enabled = on;
+    if (!on) this.held = null;
+    this.show(this.held);
   }
 
   /** Draws the parts that can be grasped, the one under the pointer in another colour. */
@@ -176,10 +199,18 @@ class Handle {
     return this.viewer.camera.getWorldDirection(new T.Vector3()).transformDirection(this.home());
   }
 
-  // -- drags: each begins at a press, and returns what a move of the pointer does ------------
+  /** Length (m) of a pixel at a place. */
+  pixel(place) {
+    const {camera, dom_element: pane} = this.viewer;
+    const far = this.target.parent.localToWorld(place.clone()).distanceTo(camera.position);
+    return 2 * far * Math.tan(camera.fov * Math.PI / 360) / pane.clientHeight;
+  }
 
+  // -- drags: each is begun by a press, and returns what a move of the pointer does ----------
+
+  /** In the plane that faces the camera; with Shift along its normal. */
   carry(ray, event) {
-    const view = this.view(), sizes = view.toArray().map(Math.abs);
+    const sizes = this.view().toArray().map(Math.abs);
     const normal = new T.Vector3().setComponent(sizes.indexOf(Math.max(...sizes)), 1);
     if (event.shiftKey) return this.slide(normal, ray, event);
     const from = this.target.position.clone(), start = new T.Vector3(), now = new T.Vector3();
@@ -190,43 +221,28 @@ class Handle {
     };
   }
 
+  /** Along a line. */
   slide(way, ray, event) {
-    const from = this.target.position.clone(), view = this.view(), cosine = view.dot(way);
-    const start = along(ray, from, way), move = x => this.target.position.copy(from).addScaledVector(way, x);
-    if (1 - cosine ** 2 > STEEP ** 2) return to => move(along(to, from, way) - start);
+    const from = this.target.position.clone(), cosine = this.view().dot(way);
+    const move = x => this.target.position.copy(from).addScaledVector(way, x);
+    if (1 - cosine ** 2 > STEEP ** 2) {
+      const start = along(ray, from, way);
+      return to => move(along(to, from, way) - start);
+    }
     // the line points at the camera: up is away from it
     const pixel = this.pixel(from) * Math.sign(cosine);
     return (_, {clientY}) => move(pixel * (event.clientY - clientY));
   }
 
-  /** Length (m) of a pixel at a place. */
-  pixel(place) {
-    const {camera, dom_element: pane} = this.viewer, far = this.target.parent
-      .localToWorld(place.clone()).distanceTo(camera.position);
-    return 2 * far * Math.tan(camera.fov * Math.PI / 360) / pane.clientHeight;
-  }
-
+  /** About an axis of its own, by the pointer's angle in the plane of the ring. */
   spin(own, radius, ray) {
     const from = this.target.quaternion.clone(), centre = this.target.position.clone();
     const axis = own.clone().applyQuaternion(from), view = this.view();
-    const turn = angle => this.target.quaternion.setFromAxisAngle(axis, angle).multiply(from);
     // if the ring is seen from its edge, the pointer moves along its near side
-    const angle = Math.abs(axis.dot(view)) > STEEP ? this.angleAbout(axis, centre) : to => along(to, centre, new T.Vector3().crossVectors(view, axis).normalize()) / radius;
+    const near = new T.Vector3().crossVectors(view, axis).normalize();
+    const angle = Math.abs(axis.dot(view)) > STEEP ? angleAbout(axis, centre)
+      : to => along(to, centre, near) / radius;
     const start = angle(ray);
-    return to => turn(angle(to) - start);
-  }
-
-  /** The angle of a pointer's place in the plane through a centre. */
-  angleAbout(axis, centre) {
-    const plane = new T.Plane().setFromNormalAndCoplanarPoint(axis, centre), place = new T.Vector3();
-    let last = 0;
-    const x = new T.Vector3().crossVectors(axis, Math.abs(axis.z) < 0.9 ? new T.Vector3(0, 0, 1)
-      : new T.Vector3(1, 0, 0)).normalize();
-    const y = new T.Vector3().crossVectors(axis, x);
-    return ray => {
-      if (ray.intersectPlane(plane, place))
-        last = Math.atan2(place.sub(centre).dot(y), place.dot(x));
-      return last;
-    };
+    return to => this.target.quaternion.setFromAxisAngle(axis, angle(to) - start).multiply(from);
   }
 }

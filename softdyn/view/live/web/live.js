@@ -3,7 +3,6 @@
 
 const FORCE = 0xe07b00, REACH = 0x1b9e77, GHOST = "#7b52ab";
 const SPANS = [[12, "12 s"], [60, "1 min"], [300, "5 min"]];  // of the plots
-const ROWS = 18000;  // frames kept: 5 minutes at 60 a second
 const LEAST = 1e-4;  // on a logarithmic axis
 const EVERY = 33;  // ms between two messages of one drag
 const INK = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"];
@@ -42,11 +41,13 @@ class Strip {
     this.chart = new Chart(element(this.box, "canvas"), scale, {left: 40, bottom: 12, marks});
   }
 
-  /** Draws the last `span` seconds of the rows. */
-  show(recent, span, text) {
-    const t = recent.column("t"), last = recent.last("t");
-    this.chart.draw(this.curves.map(([name, colour]) => ({t, y: recent.column(name), colour})),
-      last - span, last);
+  /**
+   * @param {Slots} slots
+   * @param {string} text the newest numbers
+   */
+  show(slots, text) {
+    this.chart.draw(this.curves.map(([name, colour]) => ({...slots.column(name), colour})),
+      slots.last - slots.span, slots.last);
     this.readout.value = text;
   }
 }
@@ -67,7 +68,8 @@ class Live {
     this.stage.add(this.figure.object);
     this.goals = new Goals(this.figure, this.stage);
     const inputs = scene.figure.inputs.map((_, i) => "u" + i);
-    this.recent = new Recent(["t", "error", "V", "step", "wake", "misses", "gap", ...inputs], ROWS);
+    const columns = ["error", "V", "step", "wake", "misses", "gap", ...inputs];
+    this.recent = SPANS.map(([span]) => new Slots(columns, span));
     this.makeTarget();
     this.makeOverlays();
     this.makeCard();
@@ -158,12 +160,8 @@ class Live {
   command(can) {
     for (const set of document.querySelectorAll(".command")) set.disabled = !can;
     if (!can) this.held = null;
-    this.handle.enabled = can && this.aims;
-    if (!this.handle.enabled) {  // the drag has ended, even if the button is still down
-      this.handle.release();
-      this.pending.delete("target");
-    }
-    this.handle.show();
+    this.handle.enable(can && this.aims);
+    if (!this.handle.enabled) for (const name of ["target", "targets"]) this.pending.delete(name);
   }
   get aims() { return this.scene.mode == "play" && this.state.law != this.scene.open; }
 
@@ -178,20 +176,22 @@ class Live {
     this.last = frame;
     this.fresh = true;
     this.frames = (this.frames || 0) + 1;
-    const t = this.one(frame, "t"), {recent} = this, before = recent.length ? recent.last("t") : -1;
-    if (t == before) return;
-    if (t < before) {
-      recent.clear();
+    const t = this.one(frame, "t");
+    if (t == this.time) return;
+    if (t < this.time) {
+      for (const slots of this.recent) slots.clear();
       this.trail.count = 0;
     }
+    this.time = t;
     const [y, r] = [this.part(frame, "y"), this.part(frame, "y_ref")];
-    const row = {t, V: this.one(frame, "V"), step: this.one(frame, "step_us"),
+    const row = {V: this.one(frame, "V"), step: this.one(frame, "step_us"),
       wake: this.one(frame, "wake_us"), misses: this.one(frame, "misses"),
       gap: 1e3 * this.one(frame, "gap"),
       error: this.aims || this.scene.mode == "watch"
         ? 100 * Math.hypot(y[0] - r[0], y[1] - r[1], y[2] - r[2]) : NaN};
     this.part(frame, "u").forEach((u, i) => { row["u" + i] = u; });
-    recent.push(row);
+    for (const slots of this.recent) slots.push(t, row);
+    this.row = row;
     this.leaveTrail(y);
   }
   draw() {
@@ -505,7 +505,7 @@ class Live {
       gap: new Strip(box, `tip, plant against ${this.scene.ghost} (mm)`, [["gap", GHOST]], log),
     };
     const span = this.find("span");
-    for (const [seconds, text] of SPANS) element(span, "option", text).value = seconds;
+    for (const [, text] of SPANS) element(span, "option", text);
     span.parentElement.hidden = false;
     span.onchange = () => { this.plot(); span.blur(); };
   }
@@ -516,17 +516,17 @@ class Live {
     if (document.activeElement) document.activeElement.blur();
   }
   plot() {
-    const {plots, recent} = this;
-    if (!plots || !recent.length) return;
-    const span = Number(this.find("span").value), last = name => digits(recent.last(name));
-    const show = (strip, text) => strip && strip.show(recent, span, text);
-    show(plots.error, last("error"));
+    const {plots, row} = this;
+    if (!plots || !row) return;
+    const slots = this.recent[this.find("span").selectedIndex];
+    const show = (strip, text) => strip && strip.show(slots, text);
+    show(plots.error, digits(row.error));
     show(plots.inputs, "");
-    show(plots.V, last("V"));
-    show(plots.time, `${last("step")}, ${last("wake")}`);
-    show(plots.misses, Number.isFinite(recent.last("misses")) ? String(recent.last("misses")) : "–");
+    show(plots.V, digits(row.V));
+    show(plots.time, `${digits(row.step)}, ${digits(row.wake)}`);
+    show(plots.misses, Number.isFinite(row.misses) ? String(row.misses) : "–");
     plots.gap.box.hidden = !this.state.ghost;
-    if (this.state.ghost) show(plots.gap, last("gap"));
+    if (this.state.ghost) show(plots.gap, digits(row.gap));
   }
   makeBar() {
     const does = {
