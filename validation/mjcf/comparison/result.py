@@ -201,8 +201,8 @@ class Comparison:
         if self.within:
             worst = max(self.within, key=lambda cause: cause.printed)
             words += (
-                f"; {len(self.within)} values within {self.tolerance:g} count as equal, the "
-                f"largest difference is {worst.printed:.2g} ({worst.kind} of {worst.where})"
+                f"; differences within {self.tolerance:g}: {len(self.within)}, the largest "
+                f"{worst.printed:.2g} ({worst.kind} of {worst.where})"
             )
         return words
 
