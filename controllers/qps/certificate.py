@@ -16,6 +16,7 @@ from softdyn.controllers.controller import SILENT, Command
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.clf import make_clf
 from softdyn.controllers.qps.stacked_error import StackedError
+from softdyn.copies import Separate
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +35,7 @@ class CertifiedCommand(Command):
     delta_true: float = float("nan")
 
 
-class Certified:
+class Certified(Separate):
     """Wraps a controller; its commands are `CertifiedCommand`, and a log has both numbers.
 
     Each step costs one more solve with M, in NumPy.
