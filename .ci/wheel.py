@@ -43,7 +43,6 @@ JOBS = {
     "view": ("{robot} --html view.html",),
     "statics": ("{robot} --target {target} --rays 2 --spread 2 --shapes 1 --hold 0.1",),
     "observe": ("{robot} --sensors tip=0.001 --seconds 0.05 --plot seen.png",),
-    "plan": ("{robot} --target {target} --seconds 0.1",),
     "converge": ("new.toml --segments 2 4 8",),
     "crosscheck": ("{robot} --samples 1",),
     "export": ("{robot} --mjcf robot.xml",),

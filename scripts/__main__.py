@@ -14,7 +14,7 @@ from softdyn.commands import cli
 # # by purpose
 COMMANDS = {
     "begin": ("examples", "new", "identify", "compile"),
-    "examine a robot": ("check", "view", "statics", "observe", "plan", "converge"),
+    "examine a robot": ("check", "view", "statics", "observe", "converge"),
     "compare it with another engine or file": ("crosscheck", "compare", "export"),
     "run one closed loop and look at it": ("run", "rollout", "play", "replay", "obstacle"),
     "choose a controller and its gains": ("sweep",),
