@@ -362,10 +362,14 @@ def guard_of(controller: object, model: SoftModel) -> InputGuard:
 
 
 def warm_up(law: Any, model: SoftModel, period: float = 0.0) -> None:
-    """Call a controller once at rest, so that its kernels are compiled, and reset it."""
-    state = model.state(model.q0, np.zeros(model.nv))
+    """Call a controller, so that its kernels are compiled, and reset it.
+
+    The second call has a present state besides the one that a predictive controller expected.
+    """
+    y = model.state(model.q0, np.zeros(model.nv)).y
     with np.errstate(all="ignore"):  # extreme gains may overflow
-        law(state, Reference(state.y))
+        for speed in (0.0, 1e-3):
+            law(model.state(model.q0, np.full(model.nv, speed)), Reference(y))
     law.reset(period)
 
 
