@@ -44,7 +44,6 @@ JOBS = {
     "view": ("{robot} --html view.html",),
     "statics": ("{robot} --target {target} --rays 2 --spread 2 --shapes 1 --hold 0.1",),
     "observe": ("{robot} --sensors tip=0.001 --seconds 0.05 --plot seen.png",),
-    "plan": ("{robot} --target {target} --seconds 0.1",),
     "crosscheck": ("{robot} --samples 1",),
     "export": ("{robot} --mjcf robot.xml",),
     "compare": ("{robot} robot.xml --samples 1 --html pair.html",),

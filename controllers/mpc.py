@@ -32,9 +32,8 @@ from softdyn.controllers.gains import check_fields, no_actuator
 from softdyn.controllers.predictive.actuation import Actuation
 from softdyn.controllers.predictive.aim import Aim, ErrorAhead, TipAim, aim_of
 from softdyn.controllers.predictive.buckling import Pull, buckling_input
-from softdyn.controllers.predictive.follow import ARRIVES, STUCK, PlanFollower
 from softdyn.controllers.predictive.objective import horizon_weights
-from softdyn.controllers.predictive.plan import Plan
+from softdyn.controllers.predictive.plan import ARRIVES, STUCK, PlanFollower
 from softdyn.controllers.predictive.prediction import ahead, condensed_qp
 from softdyn.controllers.predictive.pulls import FrictionPulls
 from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget, RestTargets
@@ -135,7 +134,7 @@ class Mpc(GuardedController):
         Finds an equilibrium (q*, u*) for a set point at which the tip does not arrive: after 1 s
         farther than 5 mm away it is searched for, and 0.5 s later, or any second after, it acts if
         its tip is nearer by that. A plan leads to its shape, see
-        `softdyn.controllers.predictive.follow`. A process of its own searches, for up to a minute,
+        `softdyn.controllers.predictive.plan`. A process of its own searches, for up to a minute,
         and the target acts later if that takes longer; see `waits` and `prepare`.
         The objective then has κ ‖u - u*‖²_diag(R), and σ ‖q - q*‖²_S if it is unstable. The
         `distance` of a command is that of its tip.
@@ -244,12 +243,6 @@ class Mpc(GuardedController):
         goals = self._aim.targets(first_of(reference))
         if self.targets is not None and not any(map(_moves, goals)):
             self.targets.find(_numbers(goals), self._aim.tasks, first_of(reference), waits=True)
-
-    def follow(self, plan: Plan) -> None:
-        """Follow a plan, then hold its target, as long as its goal is the reference."""
-        self._goal, self._away, self._asked = plan.goal.copy(), 0.0, False
-        self._found = True
-        self._follow.begin((plan.target,), plan)
 
     @SILENT
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:

@@ -11,8 +11,5 @@
 - `background`: long work in a process of its own
 - `rest_target`: equilibria as targets of shape and input
 - `buckling`: the pull that buckles an arm, so that its tip can follow a path
-- `riccati`: linear feedback about a path, by the backward recursion
-- `path_search`: bounded commands through a fold, by iLQR from a straight line of shapes
-- `plan`: the best path to one of some targets, with its gains
-- `follow`: a plan followed with its gains, and the target that acts after it
+- `plan`: bounded commands through a fold, by iLQR, and who follows them
 """

@@ -16,11 +16,13 @@ import pickle
 import signal
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
+from functools import partial
 from threading import Thread
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 Result = TypeVar("Result")
 POLITE = 10  # niceness of the process
@@ -40,6 +42,7 @@ class Job(Generic[Result]):
     """
 
     def __init__(self, work: Callable[[], Result], waits: bool = False) -> None:
+        self._work = work
         self._answer: Future[Result] = Future()
         self._process: subprocess.Popen[bytes] | None = None
         self._cancelled = False
@@ -48,6 +51,11 @@ class Job(Generic[Result]):
             return
         # a daemon, so that the program's end does not wait for it
         Thread(target=self._run, args=(work,), daemon=True).start()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        if self.done() and self._answer.exception() is None:
+            return Job, (partial(_same, self.result()), True)
+        return Job, (self._work,)  # a copy begins again
 
     def done(self) -> bool:
         """Whether there is a result, or an error."""
@@ -64,6 +72,14 @@ class Job(Generic[Result]):
             If it takes longer.
         """
         return self._answer.result(timeout)
+
+    def result_or(self, instead: Result) -> Result:
+        """The result; `instead`, with a warning, if the work failed. It waits as `result` does."""
+        try:
+            return self.result()
+        except Exception as error:  # a loop on a rig goes on
+            warnings.warn(f"a search failed: {error}", stacklevel=2)
+            return instead
 
     def cancel(self) -> None:
         """End the process; there will be no result."""
@@ -98,11 +114,15 @@ class Job(Generic[Result]):
                 process.stdin.flush()  # closed, it would end the process
             answer = process.stdout.read()
         if process.returncode != 0:
-            raise RuntimeError(f"a search in a process of its own ended with {process.returncode}")
+            raise RuntimeError(f"its process ended with {process.returncode}")
         if not answer:
             return work()
         result: Result = pickle.loads(answer)
         return result
+
+
+def _same(result: Result) -> Result:
+    return result
 
 
 def serve() -> None:

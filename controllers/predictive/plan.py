@@ -1,38 +1,195 @@
 """Plans through a fold: bounded commands that move a robot from a state to an equilibrium (q*, u*).
 
-`path_search` finds them. A plan also has the gains that keep the robot on its path.
+`PlanFollower` is the way in: it has a plan made where a shape stays away, and follows it.
+
+A path obeys the analytic model in steps T of backward Euler,
+
+    M (q̇⁺ - q̇) / T + h - B ā + stops = 0 at (q⁺, q̇⁺),   q⁺ = q ⊕ T q̇⁺,   a⁺ = E a + (1 - E) c,
+
+where a joint beyond a limit meets a stiff spring. E = e^(-T/λ) is the share of the acting input a
+that actuators of lag λ keep, and ā its mean over the step (`actuation`). The commands c minimise
+
+    Σ ‖y - y*‖² + speed² ‖q̇‖²_W + κ ‖a - u*‖²_diag(R) + σ ‖q - q*‖²_S / λ_S + rate ‖a⁺ - a‖²_R
+
+in the metric of `Mpc`, where the last state counts `TAIL` times more. The method is iLQR with
+bounds from states that are no motion: the shape goes straight to q*. Each iteration closes part of
+the gaps between these states and the model's steps, as in Mastalli et al., "Crocoddyl" (2020).
+Simulated from the start alone, an arm that buckles loses the target's shape.
+
+The backward pass has a quadratic cost-to-go ½ xᵀVx + sᵀx along x_{k+1} = A x_k + B c_k + d_k, where
+the path misses the model's step by the drift d_k. With V d_k in s,
+
+    Q_cc = Bᵀ V B + R,   Q_cx = Bᵀ V A + N,   Q_c = Bᵀ s + r,   c = step + gain x,
+
+where the step minimises ½ cᵀ Q_cc c + Q_cᵀ c within the bounds, and the gain -Q_cc⁻¹ Q_cx is that
+of the commands that are not at one (Tassa, Mansard and Todorov, "Control-limited differential
+dynamic programming", 2014).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
 
-from softdyn import InputError, SoftModel
-from softdyn.checks import array, instances, number
+from softdyn import SoftModel, State
+from softdyn.controllers.predictive.background import Job
 from softdyn.controllers.predictive.objective import stiffness_at_rest
-from softdyn.controllers.predictive.path_search import (
-    FORM,
-    HOLD,
-    HORIZON,
-    RATE,
-    SPEED,
-    STEP,
-    Path,
-    PathProblem,
-    coast,
-    search_path,
-)
-from softdyn.controllers.predictive.rest_target import RestTarget
-from softdyn.dynamics.model import check_model
+from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget
+from softdyn.dynamics.derivatives import residual_derivatives
 
+STUCK = 1.0  # s without arriving after which targets are searched for, or another plan is made
+ARRIVES = 0.5  # s later they act, however long the search took
+RESTS = 5.0  # s later a plan begins in a loop that does not wait
+BENT = 0.3  # rad, m: a joint this far from the target's shape
+PLANS = 3  # for one set point
 TRAVELS = (1.0, 0.6)  # s, durations of the first guess, tried one after the other
 NEAR = 0.05  # of the first ‖q - q*‖²_S: a path that ends nearer is taken
 USEFUL = 0.25  # one that ends farther is no plan
+STEP = 0.01  # T (s)
+STEPS = 150
+FORM = 0.3  # σ
+HORIZON, SPEED, RATE, HOLD = 0.3, 0.05, 1e-3, 1e-3  # s, s; the weights, as `Mpc` has them
+TAIL = 50.0
+STOP = 1e4  # stiffness of a stop, in M_jj / T²
+ITERATIONS = 60
+SETTLED = 1e-3  # relative decrease of the cost at which it ends
+DAMPED = 1.0  # in diag(R): a step shorter than with this is not tried
+SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried until the cost falls
+CLOSING = (0.15, 0.07)  # the same while there are gaps
+CLOSED = 1.0  # sum of the gaps below which a whole step closes them
+GAPS = 1e3  # cost of the sum of the gaps
+NEWTON = 12  # iterations of a step
+CLOSE = 1e-4  # rad, m: a step's error before Newton's last iteration
+SOLVED = 1e-3  # rad, m: a larger one is no solution
+PASSES = 50  # iterations of Newton's method in the free commands
+ENOUGH = 1e-12  # relative decrease of the objective at which it ends
+
+
+class PlanFollower:
+    """The target that acts, and the command while a plan leads to it.
+
+    Where the shape differs from the best target's by more than 0.3 rad or m in some joint, the
+    acting input stays for 0.5 s, and a plan to one of the targets is made from the state to which
+    this leads. It is followed with its gains to its end, and then its target acts. Without such a
+    plan the best target acts at once. If tip and shape stay away for 1 s, another plan is made.
+    In a loop that does not wait the acting input stays for 5 s at least, until a process of its own
+    has made the plan. The robot then comes to rest, so that the plan's begin fits at any time.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    lag : float
+        Time constant (s) of the actuators.
+
+    Attributes
+    ----------
+    target : RestTarget or None
+        The one that acts.
+    """
+
+    def __init__(self, model: SoftModel, lag: float) -> None:
+        self._model, self._lag = model, lag
+        self._asked: Job[Plan | None] | None = None
+        self.reset(0.0)
+
+    def reset(self, period: float) -> None:
+        """Begin a run with a control period (s)."""
+        self._period = period
+        self.begin(())
+
+    def begin(self, targets: Sequence[RestTarget]) -> None:
+        """Lead to one of some targets, the best first."""
+        if self._asked is not None:
+            self._asked.cancel()
+        self._asked, self._targets = None, targets
+        self._plan: Plan | None = None
+        self.target: RestTarget | None = None
+        self._away, self._time = STUCK, 0.0  # s, without arriving and since the plan's begin
+        self._left = PLANS
+
+    @property
+    def planning(self) -> bool:
+        """Whether a plan is being made in the background."""
+        return self._asked is not None and not self._asked.done()
+
+    def __call__(
+        self,
+        goal: np.ndarray | None,
+        far: float,
+        state: State,
+        p: np.ndarray,
+        v: np.ndarray,
+        acting: np.ndarray,
+        *,
+        waits: bool,
+    ) -> np.ndarray | None:
+        """The command (nu,) of the plan or before it, not yet bounded; None without a plan.
+
+        Parameters
+        ----------
+        goal : ndarray, (3,), optional
+            The reference for the tip (m), by default the tip of the target.
+        far : float
+            Distance from the reference (m, rad).
+        state : State
+            The present state.
+        p, v, acting : ndarray, (nv,), (nv,), (nu,)
+            Displacement from the present configuration, velocity and acting input at the instant
+            when the command begins to act.
+        waits : bool
+            Whether to make a plan in this call, and not in a process of its own.
+        """
+        if not self._targets:
+            return None
+        q = self._model.integrate(state.q, p)
+        if self._plan is None:
+            self._wait(goal, far, (q, v, acting), waits)
+        if self._asked is not None:
+            return self._kept
+        if self._plan is None:
+            return None
+        if self._time >= STEP * len(self._plan.commands):
+            self._plan, self._away = None, 0.0
+            return None
+        command = self._plan.command(self._time, self._model.coordinates(q), v, acting)
+        self._time += self._period
+        return command
+
+    def _wait(
+        self, goal: np.ndarray | None, far: float, start: tuple[np.ndarray, ...], waits: bool
+    ) -> None:
+        """A period goes by without a plan."""
+        target, coordinates = self.target or self._targets[0], self._model.coordinates
+        bent = np.abs(coordinates(start[0]) - coordinates(target.q)).max(initial=0.0) > BENT
+        if self._asked is None:
+            away = bent and far > target.distance + WITHIN
+            self._away = self._away + self._period if away else 0.0
+            if self._left > 0 and self._away >= STUCK:
+                q, v, self._kept = (x.copy() for x in start)
+                work = partial(
+                    make_plan, self._model, q, v, self._kept, self._targets,
+                    None if goal is None else goal.copy(), self._lag,
+                    ARRIVES if waits else RESTS,
+                )  # fmt: skip
+                self._begins = ARRIVES if waits else RESTS
+                self._asked, self._away = Job(work, waits), 0.0
+                self._left -= 1
+            elif self.target is None:
+                self.target = target
+            return
+        self._away += self._period
+        if self._away >= self._begins and self._asked.done():
+            found, self._asked, self._away = self._asked.result_or(None), None, 0.0
+            if found is None:
+                self.target, self._left = self.target or target, 0
+            else:
+                self._plan, self._time, self.target = found, 0.0, found.target
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,43 +200,23 @@ class Plan:
     ----------
     target : RestTarget
         The equilibrium it goes to.
-    goal : ndarray, (3,)
-        The point (m) that the tip has to reach.
     lag : float
         Time constant (s) of the actuators.
     q, v, acting : ndarray, (N + 1, nv), (N + 1, nv), (N + 1, nu)
         Joint coordinates, velocities and acting inputs.
-    y : ndarray, (N + 1, 3)
-        Tip positions (m).
     commands : ndarray, (N, nu)
         The command during each step, within the bounds.
     gains : ndarray, (N, nu, 2 nv + nu)
         Change of the command by the differences of (q, q̇, a); zero for a command at a bound.
-    cost : float
-        The objective (m²).
     """
 
     target: RestTarget
-    goal: np.ndarray
     lag: float
     q: np.ndarray
     v: np.ndarray
     acting: np.ndarray
-    y: np.ndarray
     commands: np.ndarray
     gains: np.ndarray
-    cost: float
-
-    @property
-    def times(self) -> np.ndarray:
-        """Times (N + 1,) of the states (s)."""
-        return STEP * np.arange(len(self.q))
-
-    @property
-    def error(self) -> np.ndarray:
-        """Distance (N + 1,) of the tip from the goal (m)."""
-        distance: np.ndarray = np.linalg.norm(self.y - self.goal, axis=1)
-        return distance
 
     def command(self, t: float, q: np.ndarray, v: np.ndarray, acting: np.ndarray) -> np.ndarray:
         """The command (nu,), not yet bounded, at the time t in a state of the robot.
@@ -125,24 +262,15 @@ def make_plan(
         Time constant (s) of the actuators.
     wait : float
         Time (s) for which the acting input stays before the plan begins.
-
-    Raises
-    ------
-    InputError
-        Arrays of other shapes, or that are not finite; a robot without inputs; a negative lag.
     """
-    n, m = check_model(model).nv, model.nu
-    if m == 0:
-        raise InputError("model", "a robot with actuators", model.name)
-    start = array("q", q, (model.nq,)), array("v", v, (n,)), array("acting", acting, (m,))
-    lag = number("lag", lag, lower=0.0)
-    point = None if goal is None else array("goal", goal, (3,))
-    given = instances("targets", targets, RestTarget, "a RestTarget")
     best: tuple[float, Plan] | None = None
-    for target, travel in product(given, TRAVELS):
-        y = model.state(target.q, np.zeros(n)).y if point is None else point
-        problem = coast(_pose(model, start, target, y, lag), wait)
-        found = None if problem is None else search_path(problem, travel)
+    for target, travel in product(targets, TRAVELS):
+        y = model.state(target.q, np.zeros(model.nv)).y if goal is None else goal
+        try:
+            problem = coast(_pose(model, (q, v, acting), target, y, lag), wait)
+            found = None if problem is None else search_path(problem, travel)
+        except np.linalg.LinAlgError:
+            continue
         if problem is None or found is None:
             continue
         left = found[0].left(problem)
@@ -173,7 +301,323 @@ def _pose(
 def _plan(problem: PathProblem, lag: float, path: Path, gains: np.ndarray) -> Plan:
     """The plan of a path."""
     n = problem.model.nv
-    begin = problem.model.state(*problem.start[:2]).y
-    y = np.vstack((begin, path.error + problem.goal))
     q, v, acting = path.x[:, :n], path.x[:, n : 2 * n], path.x[:, 2 * n :]
-    return Plan(problem.target, problem.goal, lag, q, v, acting, y, path.commands, gains, path.cost)
+    return Plan(problem.target, lag, q, v, acting, path.commands, gains)
+
+
+@dataclass(frozen=True, eq=False)
+class PathProblem:
+    """The model, its start and its target, and the weights.
+
+    Attributes
+    ----------
+    start : tuple of ndarray, (nq,), (nv,), (nu,)
+        Configuration, velocity and acting input at the begin.
+    goal : ndarray, (3,)
+        The point (m) for the tip.
+    kept, mean : float
+        Shares of the first input in the acting input after a step, and in its mean over it.
+    weight : ndarray, (2 nv + nu, 2 nv + nu)
+        Of a state's distance from the target.
+    change : ndarray, (nu, nu)
+        Of a command's distance from the acting input.
+    """
+
+    model: SoftModel
+    start: tuple[np.ndarray, np.ndarray, np.ndarray]
+    target: RestTarget
+    goal: np.ndarray
+    kept: float
+    mean: float
+    weight: np.ndarray
+    change: np.ndarray
+
+    @property
+    def aim(self) -> np.ndarray:
+        """The target's state (2 nv + nu,)."""
+        model, target = self.model, self.target
+        return np.concatenate((model.coordinates(target.q), np.zeros(model.nv), target.u))
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """A path of N steps, linearised.
+
+    Attributes
+    ----------
+    cost, gaps : float
+        The objective (m²), and the sum of |drift|.
+    x : ndarray, (N + 1, 2 nv + nu)
+        States: joint coordinates, velocities, acting inputs.
+    commands : ndarray, (N, nu)
+    A, B, J, error, away, gap, drift
+        See `backward`.
+    """
+
+    cost: float
+    gaps: float
+    x: np.ndarray
+    commands: np.ndarray
+    A: np.ndarray
+    B: np.ndarray
+    J: np.ndarray
+    error: np.ndarray
+    away: np.ndarray
+    gap: np.ndarray
+    drift: np.ndarray
+
+    @property
+    def merit(self) -> float:
+        """The cost, with that of the gaps."""
+        return self.cost + GAPS * self.gaps
+
+    def left(self, problem: PathProblem) -> float:
+        """Share of ‖q - q*‖²_S of the begin that is left at the end."""
+        n = problem.model.nv
+        first, last = (self.x[0] - problem.aim)[:n], self.away[-1][:n]
+        form = problem.weight[:n, :n]
+        return float(last @ form @ last) / max(float(first @ form @ first), 1e-300)
+
+
+def coast(problem: PathProblem, duration: float) -> PathProblem | None:
+    """The problem some time (s) later, if the acting input stays; None if that has no solution."""
+    q, v, a = problem.start
+    for _ in range(round(duration / STEP)):
+        solved = _step(problem, q, v, a, v)
+        if solved is None:
+            return None
+        q, v = solved[0].q, solved[0].v
+    return replace(problem, start=(q, v, a))
+
+
+def search_path(problem: PathProblem, travel: float) -> tuple[Path, np.ndarray] | None:
+    """A path of least cost, and its gains (N, nu, 2 nv + nu); None if none could be simulated.
+
+    Parameters
+    ----------
+    problem : PathProblem
+    travel : float
+        Time (s) in which the first guess moves the shape to the target's.
+    """
+    guess = _straight(problem, travel)
+    n, m = problem.model.nv, problem.model.nu
+    scale = problem.weight[2 * n :, 2 * n :]
+    path = _simulate(problem, guess[:, 2 * n :], states=guess)
+    if path is None:
+        return None
+    damping = 1e-6
+    for _ in range(ITERATIONS):
+        steps, gains = _backward(problem, path, damping * scale / HOLD)
+        shares = SHARES if path.gaps == 0 else CLOSING if path.gaps > CLOSED else SHARES[:1]
+        tried = (_simulate(problem, path.commands, path, share, steps, gains) for share in shares)
+        after = next((one for one in tried if one and one.merit < path.merit), None)
+        if after is None:
+            damping *= 10
+            if damping > DAMPED:
+                break
+            continue
+        gain, path, damping = path.merit - after.merit, after, max(damping / 5, 1e-9)
+        if path.gaps == 0 and gain < SETTLED * path.cost:
+            break
+    if path.gaps > 0:
+        return None
+    return path, _backward(problem, path, np.zeros((m, m)))[1]
+
+
+def _straight(problem: PathProblem, travel: float) -> np.ndarray:
+    """States (N, 2 nv + nu) on the straight line to the target."""
+    model, n = problem.model, problem.model.nv
+    q, _, a = problem.start
+    t = np.minimum(STEP * np.arange(1, STEPS + 1) / travel, 1.0)[:, None]
+    share, rate = t * t * (3 - 2 * t), 6 * t * (1 - t) / travel
+    first = np.concatenate((model.coordinates(q), np.zeros(n), a))
+    states: np.ndarray = first + share * (problem.aim - first)
+    states[:, n : 2 * n] = rate * (problem.aim - first)[:n]
+    return states
+
+
+def _backward(problem: PathProblem, path: Path, extra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    model = problem.model
+    lower, upper = model.u_min - path.commands, model.u_max - path.commands
+    steps, gains = backward(
+        path.A, path.B, path.J, path.error, path.away, path.gap, path.drift, problem.weight,
+        TAIL * problem.weight, problem.change, extra, lower, upper,
+    )  # fmt: skip
+    return steps, gains
+
+
+def _simulate(
+    problem: PathProblem, commands: np.ndarray, near: Path | None = None, share: float = 1.0,
+    steps: np.ndarray | None = None, gains: np.ndarray | None = None,
+    states: np.ndarray | None = None,
+) -> Path | None:  # fmt: skip
+    """The path under commands, with feedback to a near path, or through the given states.
+
+    It keeps the rest of the near path's gaps. None where a step has no solution, or where it costs
+    more than the near path.
+    """
+    model, n, aim = problem.model, problem.model.nv, problem.aim
+    (q, v, a), cost, gaps = problem.start, 0.0, 0.0
+    rows: list[tuple[np.ndarray, ...]] = []
+    x = np.concatenate((model.coordinates(q), v, a))
+    for k, command in enumerate(commands):
+        c, guess, drift = command, v, np.zeros_like(x)
+        if near is not None and steps is not None and gains is not None:
+            off = x - near.x[k]
+            c = np.clip(c + share * steps[k] + gains[k] @ off, model.u_min, model.u_max)
+            drift = (1 - share) * near.drift[k]
+            moved = near.A[k] @ off + near.B[k] @ (c - near.commands[k])
+            guess = (near.x[k + 1] + near.drift[k] + moved)[n : 2 * n]
+        c = np.clip(c, model.u_min, model.u_max)
+        solved = _step(problem, q, v, problem.mean * a + (1 - problem.mean) * c, guess)
+        if solved is None:
+            return None
+        state, A, B = solved
+        after = problem.kept * a + (1 - problem.kept) * c
+        end = np.concatenate((model.coordinates(state.q), state.v, after))
+        if states is not None:
+            drift = end - states[k]
+        if drift.any():
+            end = end - drift
+            state = model.state(model.configuration(end[:n]), end[n : 2 * n])
+        error, away, gap = state.y - problem.goal, end - aim, c - a
+        cost += error @ error + away @ problem.weight @ away + gap @ problem.change @ gap
+        gaps += float(np.abs(drift).sum())
+        if not cost + GAPS * gaps < (np.inf if near is None else near.merit):
+            return None
+        rows.append((x, c, A, B, state.J, error, away, gap, drift))
+        q, v, a, x = state.q, end[n : 2 * n], end[2 * n :], end
+    cost += TAIL * (away @ problem.weight @ away)
+    first, *columns = (np.array(column) for column in zip(*rows, strict=True))
+    return Path(float(cost), gaps, np.vstack((first, x)), *columns)
+
+
+def _step(
+    problem: PathProblem, q: np.ndarray, v: np.ndarray, mean: np.ndarray, guess: np.ndarray
+) -> tuple[State, np.ndarray, np.ndarray] | None:
+    """The state after a step under a mean input, and its derivatives by (q, q̇, a) and c.
+
+    Newton's method from a guess of the velocity after it; None if it does not converge.
+    """
+    model, n, m = problem.model, problem.model.nv, problem.model.nu
+    after, missed = guess, np.inf
+    for _ in range(NEWTON):
+        state = model.state(model.integrate(q, STEP * after), after)
+        if missed < CLOSE:  # the last iteration left its square
+            break
+        rate, at = (after - v) / STEP, model.coordinates(state.q)
+        beyond = at - np.clip(at, model.lower, model.upper)
+        spring = STOP / STEP**2 * state.M.diagonal()
+        force = state.M @ rate + state.h - state.B @ mean + spring * beyond
+        K, D = residual_derivatives(model, state.q, after, rate, mean)
+        K.flat[:: n + 1] += np.where(beyond != 0, spring, 0.0)
+        matrix = state.M + STEP * D + STEP**2 * K
+        right = np.column_stack((force, K, state.M, state.B))
+        try:
+            solved = STEP * np.linalg.solve(matrix, right)
+        except np.linalg.LinAlgError:
+            return None
+        missed = STEP * float(np.abs(solved[:, 0]).max())
+        after = after - solved[:, 0]
+        if not np.isfinite(missed):
+            return None
+    if not missed < SOLVED:
+        return None
+    A, B = np.zeros((2 * n + m, 2 * n + m)), np.zeros((2 * n + m, m))
+    by_q, by_v, by_u = solved[:, 1 : n + 1], solved[:, n + 1 : 2 * n + 1], solved[:, 2 * n + 1 :]
+    A[n : 2 * n] = np.hstack((-by_q, by_v / STEP, problem.mean * by_u))
+    B[n : 2 * n] = (1 - problem.mean) * by_u
+    A[:n], B[:n] = STEP * A[n : 2 * n], STEP * B[n : 2 * n]
+    A[:n, :n] += np.eye(n)
+    A[2 * n :, 2 * n :], B[2 * n :] = problem.kept * np.eye(m), (1 - problem.kept) * np.eye(m)
+    return state, A, B
+
+
+def free_of(x: np.ndarray, slope: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Whether each component (m,) is not pressed against a bound by the slope of the objective."""
+    free: np.ndarray = ~(((x <= lower) & (slope > 0)) | ((x >= upper) & (slope < 0)))
+    return free
+
+
+def bounded_minimum(
+    H: np.ndarray, g: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The minimiser x (m,) of ½ xᵀHx + gᵀx within bounds that contain 0, and its free components.
+
+    Projected Newton steps, halved until the objective falls. H (m, m) must be positive definite.
+    """
+    x, value = np.zeros(len(g)), 0.0
+    for _ in range(PASSES):
+        slope = g + H @ x
+        index = np.flatnonzero(free_of(x, slope, lower, upper))
+        newton = np.zeros(len(g))
+        newton[index] = -np.linalg.solve(H[np.ix_(index, index)], slope[index])
+        share, before = 1.0, value
+        while share > 1e-9:
+            trial = np.minimum(np.maximum(x + share * newton, lower), upper)
+            found = float(trial @ (0.5 * (H @ trial) + g))
+            if found < value:
+                x, value = trial, found
+                break
+            share *= 0.5
+        if before - value <= ENOUGH * abs(value):
+            break
+    return x, free_of(x, g + H @ x, lower, upper)
+
+
+def backward(
+    A: np.ndarray, B: np.ndarray, J: np.ndarray, error: np.ndarray, away: np.ndarray,
+    gap: np.ndarray, drift: np.ndarray, weight: np.ndarray, last: np.ndarray, change: np.ndarray,
+    extra: np.ndarray, lower: np.ndarray, upper: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Steps (N, m) and gains (N, m, nx) of the commands.
+
+    The cost is the sum over the steps of ‖error + J x‖² + (away + x)ᵀ weight (away + x) after each,
+    and of (gap + c - a)ᵀ change (gap + c - a) with the acting input a.
+
+    Parameters
+    ----------
+    A, B : ndarray, (N, nx, nx), (N, nx, m)
+        The linearised steps; a state ends with the acting input (m,).
+    J, error : ndarray, (N, 3, n), (N, 3)
+        The tip's Jacobian and error after each step.
+    away : ndarray, (N, nx)
+        The state after each step minus the target's.
+    gap : ndarray, (N, m)
+        The path's command minus its acting input at the begin of each step.
+    drift : ndarray, (N, nx)
+        The model's step minus the path's.
+    weight, last : ndarray, (nx, nx)
+        The weights of a state, and what is added for the last one.
+    change : ndarray, (m, m)
+        The weight of the command minus the acting input.
+    extra : ndarray, (m, m)
+        What is added to Q_cc, so that a step stays small.
+    lower, upper : ndarray, (N, m)
+        The bounds minus the path's commands.
+    """
+    count, nx, m = B.shape
+    n, acting = J.shape[2], nx - m
+    steps, gains = np.zeros((count, m)), np.zeros((count, m, nx))
+    V, s = last.copy(), last @ away[count - 1]
+    for k in range(count - 1, -1, -1):
+        V += weight
+        V[:n, :n] += J[k].T @ J[k]
+        s += weight @ away[k]
+        s[:n] += J[k].T @ error[k]
+        s += V @ drift[k]
+        VB, pull = V @ B[k], change @ gap[k]
+        Qcc, Qcx, Qc = B[k].T @ VB + change, VB.T @ A[k], B[k].T @ s + pull
+        Qxx, Qx = A[k].T @ (V @ A[k]), A[k].T @ s
+        Qcx[:, acting:] -= change
+        Qxx[acting:, acting:] += change
+        Qx[acting:] -= pull
+        step, free = bounded_minimum(Qcc + extra, Qc, lower[k], upper[k])
+        index = np.flatnonzero(free)
+        gains[k, index] = -np.linalg.solve((Qcc + extra)[np.ix_(index, index)], Qcx[index])
+        K = gains[k]
+        V = Qxx + K.T @ (Qcc @ K) + K.T @ Qcx + Qcx.T @ K
+        V = 0.5 * (V + V.T)
+        s = Qx + K.T @ (Qcc @ step + Qc) + Qcx.T @ step
+        steps[k] = step
+    return steps, gains

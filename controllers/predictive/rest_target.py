@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -163,12 +162,7 @@ class RestTargets:
             self._job = key, Job(search)
         if not self._job[1].done():
             return None
-        try:
-            self._late[key] = self._job[1].result()
-        except Exception as error:  # a loop on a rig goes on without targets
-            warnings.warn(f"no targets for {self._model.name}: {error}", stacklevel=2)
-            self._late[key] = ()
-        self._job = None
+        self._late[key], self._job = self._job[1].result_or(()), None
         return self._late[key]
 
 

@@ -143,7 +143,7 @@ def test_one_program_three_ways(tmp_path):
     assert "tour.py" in outputs[0][1]
 
 
-@pytest.mark.parametrize("name", ["statics", "play", "plan"])
+@pytest.mark.parametrize("name", ["statics", "play"])
 def test_a_target_far_out_of_reach_is_refused(name, capsys):
     assert main([name, "finger", "--target", "20", "0", "0"]) == 2
     said = "within the robot's reach of 0.24 m, got one 20 m from the base: in cm?"

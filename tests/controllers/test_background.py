@@ -15,6 +15,7 @@ from functools import cache, partial
 import numpy as np
 import psutil
 import pytest
+from softdyn.controllers.predictive.follow import ARRIVES, STUCK
 
 from softdyn import Ellipse, InputError, SetPoint, load, statics
 from softdyn.controllers import Compensated, SafetyFilter, SoftIdClfQp, best
@@ -22,7 +23,6 @@ from softdyn.controllers.barriers import JointLimits
 from softdyn.controllers.controller import waiting
 from softdyn.controllers.predictive import rest_target
 from softdyn.controllers.predictive.background import Job
-from softdyn.controllers.predictive.follow import ARRIVES, STUCK
 from softdyn.controllers.predictive.rest_target import RestTargets
 from softdyn.validation import Rig, paper, simulate
 from softdyn.validation.twin.plant_errors import PlantErrors
@@ -35,7 +35,8 @@ PATIENCE = 300.0  # s, on a loaded machine
 def test_work_is_done_in_another_process() -> None:
     there = Job(os.getpid).result(PATIENCE)
     assert there != os.getpid()
-    assert Job(os.getpid, waits=True).result() == os.getpid()
+    here = Job(os.getpid, waits=True)
+    assert pickle.loads(pickle.dumps(here)).result() == here.result() == os.getpid()
 
 
 def test_work_that_another_process_cannot_load_is_done_here(monkeypatch) -> None:
@@ -168,7 +169,7 @@ def test_a_loop_goes_on_where_a_search_fails(monkeypatch, jobs) -> None:
     jobs[0].cancel()
     with pytest.raises(RuntimeError):
         jobs[0].result(PATIENCE)
-    with pytest.warns(UserWarning, match="no targets for finger"):
+    with pytest.warns(UserWarning, match="a search failed: its process ended"):
         commands = calls(controller, model, GOAL, round(2 * ARRIVES / T))
     assert np.isfinite([one.u for one in commands]).all()
 

@@ -16,6 +16,4 @@ rests
     Whether the twin stays at an equilibrium.
 rest_report
     The equilibria of a robot, each held in the twin, and their text.
-plan_report
-    A plan through a fold, simulated in the twin.
 """

@@ -13,8 +13,9 @@ import numpy as np
 from tqdm.auto import tqdm
 
 from softdyn import InputError, SoftModel, State
-from softdyn.checks import array
+from softdyn.checks import array, beyond
 from softdyn.controllers.controller import guard_of, waiting
+from softdyn.copies import Separate
 from softdyn.description.robot import input_unit
 from softdyn.dynamics.model import check_model
 from softdyn.estimation import Observer
@@ -59,7 +60,7 @@ Controller = Callable[[State, Any], ControllerOutput]
 OnStep = Callable[[float, State, ControllerOutput], None]
 
 
-class ClosedLoop:
+class ClosedLoop(Separate):
     """A controller and its plant, run one control period at a time.
 
     At the beginning of a period, `control` gives the twin's state to `model.state` and then to the
@@ -186,7 +187,7 @@ class ClosedLoop:
             timestep,
             MAX_TIMESTEP if own is None else own.timestep,
         )
-        if self.grid.period > self.grid.duration and period is not None:
+        if period is not None and beyond(self.grid.period, self.grid.duration):
             expected = f"at most the run's {self.grid.duration:g} s"
             raise InputError("period", expected, f"{self.grid.period:g} s")
         check_controller(controller)

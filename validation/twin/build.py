@@ -159,6 +159,7 @@ def _add_geom(body: mujoco.MjsBody, shape: Shape) -> None:
     geom = body.add_geom()
     geom.type = {
         "box": kinds.mjGEOM_BOX,
+        "capsule": kinds.mjGEOM_CAPSULE,
         "cylinder": kinds.mjGEOM_CYLINDER,
         "sphere": kinds.mjGEOM_SPHERE,
     }[shape.kind]

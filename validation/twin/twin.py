@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 
 from softdyn.checks import array
+from softdyn.copies import Separate
 from softdyn.description.library import find
 from softdyn.description.robot import Robot
 from softdyn.description.urdf import parse
@@ -55,7 +56,7 @@ class SimulationError(SoftdynError, ArithmeticError):
         super().__init__(f"simulation stopped at t = {time:.6g} s: {reason}")
 
 
-class Twin:
+class Twin(Separate):
     """A MuJoCo model of an annotated URDF with its data.
 
     Parameters
