@@ -1,8 +1,16 @@
-# The two commands: `make run` and `make test`. Both set up what they need; a second call reuses it.
+# The two commands: `make run` and `make test`. Each installs what it needs; a second call reuses it.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
-READY := $(VENV)/.ready
+PIP = $(BIN)/python -m pip --quiet --disable-pip-version-check
+
+# What is installed. Each marker needs the one before it, so no two installations run at once, even
+# with --jobs. A marker is written last, so that an interrupted installation is done again.
+PRODUCT := $(VENV)/.product
+TESTS := $(VENV)/.tests
+CHECKS := $(VENV)/.checks
+UV := $(VENV)/.uv
+MUTANTS := $(VENV)/.mutants
 
 .PHONY: run test wheel test-oldest test-pythons mutants lint docs count clean help
 
@@ -15,13 +23,13 @@ help:
 	@echo "make mutants  a seeded sample of planted faults, each against its tests; goes on where it was"
 	@echo "make lint   ruff, mypy, that imports point one way, and the plan of the house"
 	@echo "make docs   the documentation as a site: open build/docs/index.html"
-	@echo "make count  lines of code, folder by folder"
+	@echo "make count  what the wheel and the proof hold: lines, kernels, constants, commands, names"
 	@echo "make clean  remove the virtual environment and build leftovers"
 
-run: $(READY)
+run: $(PRODUCT)
 	$(BIN)/python scripts/benchmark.py
 
-test: $(READY)
+test: $(TESTS)
 	$(BIN)/python -m pytest -n auto
 
 WHEEL ?= --all
@@ -29,47 +37,57 @@ wheel:
 	$(PYTHON) .ci/wheel.py $(WHEEL)
 
 # uv chooses the packages and finds the interpreters; CI runs these two apart (.ci/optional).
-UV = $(BIN)/uv
-$(UV): $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
-
 test-oldest: $(UV)
-	$(UV) venv --quiet --clear --python 3.11 .venv-oldest
-	$(UV) pip install --quiet --python .venv-oldest --resolution lowest-direct --editable ".[test,bench,cluster]"
+	$(BIN)/uv venv --quiet --clear --python 3.11 .venv-oldest
+	$(BIN)/uv pip install --quiet --python .venv-oldest --resolution lowest-direct --editable ".[test,bench,cluster]"
 	.venv-oldest/bin/python -m pytest -n auto
 
 test-pythons: $(UV)
 	@set -e; export PYENV_VERSION=$$(pyenv versions --bare 2>/dev/null | paste -sd:); \
 	for version in 3.11 3.12 3.13; do \
-	  if ! found=$$($(UV) python find --no-python-downloads $$version 2>/dev/null); then \
+	  if ! found=$$($(BIN)/uv python find --no-python-downloads $$version 2>/dev/null); then \
 	    echo "Python $$version: not found, UNTESTED"; continue; fi; \
 	  echo "Python $$version: $$found"; \
-	  $(UV) venv --quiet --clear --python $$found .venv-$$version; \
-	  $(UV) pip install --quiet --python .venv-$$version --editable ".[test]"; \
+	  $(BIN)/uv venv --quiet --clear --python $$found .venv-$$version; \
+	  $(BIN)/uv pip install --quiet --python .venv-$$version --editable ".[test]"; \
 	  .venv-$$version/bin/python -m pytest -n auto; \
 	done
 
-mutants: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,mutants]"
+mutants: $(MUTANTS)
 	nice $(BIN)/python .ci/mutants.py
 	$(BIN)/python .ci/mutants.py --report
 
-lint: $(READY)
+lint: $(CHECKS)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python .ci/house.py
 
-docs: $(READY)
+docs: $(CHECKS)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --config-file docs/site/mkdocs.yml
 
-# The marker is written last, so an interrupted set-up is done again.
-$(READY): pyproject.toml
+$(PRODUCT): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "softdyn needs Python 3.11 or newer: make PYTHON=python3.12 ...")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
-	touch $(READY)
+	$(PIP) install --editable .
+	touch $@
+
+$(TESTS): $(PRODUCT)
+	$(PIP) install --editable ".[test,bench,cluster,tune,sysid]"
+	touch $@
+
+$(CHECKS): $(TESTS)
+	$(PIP) install --editable ".[lint,docs]"
+	touch $@
+
+$(UV): $(CHECKS)
+	$(PIP) install uv
+	touch $@
+
+$(MUTANTS): $(UV)
+	$(PIP) install --editable ".[mutants]"
+	touch $@
 
 count:
 	@$(PYTHON) .ci/code_lines.py

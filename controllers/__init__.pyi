@@ -8,7 +8,6 @@ from .impedance_qp import ImpedanceQp
 from .mpc import Mpc, MpcParameters
 from .predictive.compensated import Compensated
 from .predictive.rest_target import RestTargets
-from .qps.certificate import Certified
 from .registry import BEYOND, CONTROLLERS, find_controller
 from .safety_filter import SafetyFilter
 from .schedule import Schedule, Stage
@@ -18,7 +17,6 @@ from .staged import Staged, best
 __all__ = [
     "BEYOND",
     "CONTROLLERS",
-    "Certified",
     "ClfQp",
     "Command",
     "Compensated",

@@ -33,7 +33,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -47,8 +47,9 @@ from softdyn.controllers.qps.relaxed_rows import ROOM, RelaxedRows, Rows
 from softdyn.controllers.qps.stopped_step import StoppedStep
 from softdyn.description.robot import sliding
 from softdyn.safety.clearance import CENTIRADIAN, MILLIMETRE, Values
-from softdyn.safety.obstacles import RATE, KeepOutSphere
+from softdyn.safety.obstacles import RATE
 from softdyn.safety.obstacles import HalfSpace as HalfSpace
+from softdyn.safety.obstacles import KeepOutSphere as KeepOutSphere
 
 LEAP = 10.0  # of these units, a joint's largest motion in a period
 
@@ -102,13 +103,6 @@ class JointLimits:
 def _joint_units(model: SoftModel) -> np.ndarray:
     """The unit (n,) of each joint: a slide's is a length."""
     return np.where(sliding(model.robot, model.joint_names), MILLIMETRE, CENTIRADIAN)
-
-
-def __getattr__(name: str) -> Any:
-    if name != "Sphere":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    warnings.warn("Sphere is called KeepOutSphere", DeprecationWarning, stacklevel=2)
-    return KeepOutSphere
 
 
 class UnsafeStart(UserWarning):

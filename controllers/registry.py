@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-import signal
 import sys
-import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -22,6 +20,7 @@ from softdyn.controllers.impedance_qp import ImpedanceQp
 from softdyn.controllers.mpc import Mpc
 from softdyn.controllers.soft_id_clf_qp import SoftIdClfQp
 from softdyn.controllers.staged import Staged, best
+from softdyn.exceptions import own_frames
 
 # command-line name → class; these take `softdyn.controllers.Gains`
 CONTROLLERS: dict[str, Any] = {
@@ -109,47 +108,21 @@ def make_controller(
 def one_line_errors(name: str, expected: str) -> Iterator[None]:
     """Turn errors of the user's code in FILE.py into an `InputError` that names the line.
 
-    Errors of softdyn and of its own controllers pass unchanged. Ctrl-C passes too, but not a
-    KeyboardInterrupt that the user's code raises itself.
+    Ctrl-C passes unchanged, and so do errors of softdyn, of its own controllers, and of the user's
+    code while it runs (see `softdyn.exceptions.own_code_errors`).
     """
     try:
-        with _interrupts() as signals:
-            yield
-    except (SoftdynError, GeneratorExit):
+        yield
+    except (SoftdynError, GeneratorExit, KeyboardInterrupt):
         raise
     except BaseException as error:  # a user's code may raise anything
         file, own, _ = name.partition(".py")
-        ours = type(error).__module__.startswith("softdyn.")  # a command may end itself so
-        if not own or signals or ours:
+        if not own or own_frames(error) is not None:
             raise
         frames = traceback.extract_tb(error.__traceback__)
         lines = [frame.lineno for frame in frames if Path(frame.filename).stem == Path(file).name]
         line = f" in line {lines[-1]}" if lines else ""
         raise InputError(name, expected, f"{type(error).__name__}{line}: {error}") from error
-
-
-@contextmanager
-def _interrupts() -> Iterator[list[int]]:
-    """List the interrupts (SIGINT) in the block; each raises KeyboardInterrupt as usual.
-
-    The list stays empty outside the main thread, or if another handler is installed: that one need
-    not raise KeyboardInterrupt.
-    """
-    arrived: list[int] = []
-    main = threading.current_thread() is threading.main_thread()
-    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield arrived
-        return
-
-    def handle(number: int, frame: Any) -> None:
-        arrived.append(number)
-        signal.default_int_handler(number, frame)
-
-    signal.signal(signal.SIGINT, handle)
-    try:
-        yield arrived
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def is_own(name: str) -> bool:

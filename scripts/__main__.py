@@ -11,29 +11,15 @@ import sys
 from softdyn._version import __version__
 from softdyn.commands import cli
 
-# # by purpose
+# by purpose
 COMMANDS = {
-    "begin": ("examples", "new", "identify", "compile"),
-    "examine a robot": ("check", "view", "statics", "observe", "converge"),
+    "begin": ("new", "identify", "compile"),
+    "examine a robot": ("check", "view", "statics", "observe"),
     "compare it with another engine or file": ("crosscheck", "compare", "export"),
-    "run one closed loop and look at it": ("run", "rollout", "play", "replay", "obstacle"),
-    "choose a controller and its gains": ("sweep",),
-    "repeat the paper and go beyond it": ("benchmark", "reproduce", "certify"),
+    "run one closed loop and look at it": ("run", "rollout", "play", "replay"),
+    "run many": ("sweep",),
+    "repeat the paper": ("benchmark",),
     "time the control step": ("step_time",),
-}
-# command of earlier versions → its present name
-MOVED = {
-    "beyond": "softdyn sweep periods",
-    "compare_steps": "python -m tests.proof compare-steps, in a checkout",
-    "fuzz": "python -m tests.proof fuzz, in a checkout",
-    "hold": "softdyn sweep horizon",
-    "make_robots": "python urdf/make_robots.py, in a checkout",
-    "pictures": "python -m tests.proof pictures, in a checkout",
-    "robustness": "softdyn sweep robustness",
-    "tables": "python -m tests.proof tables, in a checkout",
-    "textbook": "python -m tests.proof textbook, in a checkout",
-    "twins": "python -m tests.proof twins, in a checkout",
-    "worst_step": "softdyn step-time --hostile",
 }
 NAMES = [name for names in COMMANDS.values() for name in names]
 
@@ -51,9 +37,6 @@ def main(argv: list[str] | None = None) -> int:
         return cli.PASSED
     module_name = name.replace("-", "_")
     if module_name not in NAMES:
-        if module_name in MOVED:
-            print(f"error: command: {name} is now {MOVED[module_name]}", file=sys.stderr)
-            return cli.BAD_INPUT
         near = difflib.get_close_matches(module_name, NAMES, 1)
         expected = f"{spelt(near[0])}?" if near else "a command; `softdyn` lists them"
         print(f"error: command: expected {expected}, got {name}", file=sys.stderr)

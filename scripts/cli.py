@@ -12,7 +12,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -20,6 +20,7 @@ from softdyn.files import read_toml as read_toml  # for the commands
 
 if TYPE_CHECKING:
     from softdyn import SoftModel
+    from softdyn.validation import Log
 
 PASSED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 Arguments = argparse.Namespace
@@ -46,10 +47,6 @@ class Parser(argparse.ArgumentParser):
         shown = f"{help} (default: %(default)s)"
         self.add_argument(name, type=kind, metavar=metavar, default=default, help=shown)
 
-    def moved(self, name: str, now: str) -> None:
-        """Add an option of earlier versions; one line names its replacement."""
-        self.add_argument(name, action=_Moved, const=now, nargs="*", help=argparse.SUPPRESS)
-
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse; for a misspelt option, name the nearest one before other errors."""
         known = self._option_string_actions
@@ -71,13 +68,6 @@ class Parser(argparse.ArgumentParser):
         from softdyn.exceptions import one_line
 
         self.exit(BAD_INPUT, f"error: {one_line(message, 1000)}\n")
-
-
-class _Moved(argparse.Action):
-    """Ends the command with the line from `Parser.moved`."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
-        parser.error(f"argument {self.option_strings[0]}: now `{self.const}`")
 
 
 def finite(text: str) -> float:
@@ -204,7 +194,8 @@ def prepare_streams() -> None:
     """Make the streams accept any text in any encoding, and replace closed streams.
 
     A closed stream becomes the null device. Otherwise the next opened file would get its number,
-    and the prints of the engines.
+    and the prints of the engines. stderr is written in whole lines, because worker processes share
+    it.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
@@ -216,6 +207,8 @@ def prepare_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
+    if hasattr(sys.stderr, "reconfigure"):
+        sys.stderr.reconfigure(line_buffering=True, write_through=False)
 
 
 def one_thread() -> None:
@@ -225,13 +218,21 @@ def one_thread() -> None:
 
 
 def run(command: Command, arguments: Arguments, parser: Parser) -> int:
-    """Call `command`, and turn its exceptions into an exit code and one line on stderr."""
+    """Call `command`, and turn its exceptions into an exit code and one line on stderr.
+
+    For an error in a user's own code, the text on stderr is the traceback from the user's file on.
+    """
     from softdyn import InputError, SoftdynError, UrdfError
+    from softdyn.exceptions import OwnCodeError, own_code_errors
 
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     try:
-        check_outputs(parser, arguments)
-        return command(arguments)
+        with own_code_errors(program=command.__module__.partition(".")[0]):
+            check_outputs(parser, arguments)
+            return command(arguments)
+    except OwnCodeError as error:
+        print(error.trace, end="", file=sys.stderr)
+        return FAILED
     except SoftdynError as error:
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT if isinstance(error, InputError | UrdfError) else FAILED
@@ -239,12 +240,14 @@ def run(command: Command, arguments: Arguments, parser: Parser) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return PASSED
     except KeyboardInterrupt:
+        with suppress(ValueError):  # not in the main thread
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one would say more
         print("error: interrupted", file=sys.stderr)
         return INTERRUPTED
 
 
-class _Ended(BaseException):
-    """SIGINT or SIGTERM; not an Exception, so that no code handles it as an error."""
+class _Ended(KeyboardInterrupt):
+    """SIGINT or SIGTERM, which no code handles as an error."""
 
 
 @contextmanager
@@ -289,6 +292,38 @@ def write_report(report: dict[str, Any], target: str | None, summary: str) -> No
     if target is not None:
         write_json(target, report)
     say(summary)
+
+
+def save_log(log: Log, path: str) -> None:
+    """Write a log as CSV if `path` ends in .csv, else as NPZ."""
+    (log.to_csv if path.endswith(".csv") else log.save)(path)
+
+
+@contextmanager
+def saved_in_errors(path: str | None) -> Iterator[None]:
+    """Save the log that an exception of the block carries; a line on stderr says so.
+
+    Bad input that shows at the first step leaves no file.
+
+    Parameters
+    ----------
+    path : str, optional
+        The file; without one nothing is saved.
+    """
+    from softdyn import SoftdynError
+    from softdyn.exceptions import own_frames
+
+    try:
+        yield
+    except BaseException as error:
+        log = getattr(error, "log", None)
+        if path is not None and log is not None and (log.steps or own_frames(error)):
+            try:
+                save_log(log, path)
+                print(f"wrote {path}: the run up to t = {log.t[-1]:.4g} s", file=sys.stderr)
+            except SoftdynError as fault:  # the error that ended the run matters more
+                print(f"warning: {fault}", file=sys.stderr)
+        raise
 
 
 def say(text: str) -> None:

@@ -26,8 +26,6 @@ parser.add_argument("--states-only", action="store_true", help="random states, a
 parser.option("--samples", cli.count, "N", "random states", 20)
 parser.option("--seed", cli.whole, "S", "seed of the random states", 0)
 cli.add_json(parser)
-parser.moved("--catalogue", "python -m tests.proof robots")
-parser.moved("--random", "python -m tests.proof robots --random N")
 
 
 def command(arguments: cli.Arguments) -> int:

@@ -13,8 +13,8 @@ links are massless, and sites, tendons, actuators, stiff stops, shapes and a key
 Collision shapes are in group 3; they touch with --contacts (or <flag contact="enable"/> in the
 file).
 The file's rig is written too: winches, lags, delays, slack tendons, sensors.
---urdf writes an MJCF's tree as an annotated URDF. Both list on stderr what the other format cannot
-state.
+--urdf writes an MJCF's tree as an annotated URDF, with its boxes, spheres, cylinders and capsules.
+Both list on stderr what the other format cannot state.
 --csv writes a saved run with a row per sample and units in the header.
 
 exit codes: 0 written, and compared with the source: they agree; 1 they do not; 2 bad input.
@@ -30,7 +30,7 @@ output.add_argument("--urdf", metavar="FILE", help="write an annotated URDF")
 output.add_argument("--csv", metavar="FILE", help="write a log as CSV")
 parser.outputs += ["mjcf", "urdf", "csv"]
 cli.add_robot_options(parser)
-parser.add_argument("--no-shapes", action="store_true", help="leave out visual shapes")
+parser.add_argument("--no-shapes", action="store_true", help="leave out shapes (MJCF: visual ones)")
 parser.add_argument("--contacts", action="store_true", help="MJCF: its links can touch each other")
 cli.add_json(parser)
 
@@ -44,7 +44,8 @@ def command(arguments: cli.Arguments) -> int:
         Log.load(arguments.robot).to_csv(arguments.csv)
         return cli.PASSED
     if arguments.urdf is not None:
-        result, lost = export.write_urdf(arguments.robot, arguments.urdf)
+        shapes = not arguments.no_shapes
+        result, lost = export.write_urdf(arguments.robot, arguments.urdf, shapes=shapes)
     else:
         result, lost = export.write_mjcf(
             arguments.robot,

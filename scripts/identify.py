@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from softdyn import SoftModel
-    from softdyn.identification import DesignFile, Identified, Parameter
+    from softdyn.identification import DesignFile, Parameter
 
 EPILOG = """\
 ROBOT is a URDF, a bundled name, or the TOML file of an arm, as `softdyn new` reads it.
@@ -41,8 +41,7 @@ up to its first stop.
 
 Static rows: --free cable_friction (the file has a first guess), input_loss (the part of an input
 that friction at the motor takes). direction.INPUT is the last direction, 1 pulled in, -1 paid out;
-without it the order of the rows says so. --discrepancy adds missing joint forces, a ridge function
-of inputs and strains, and states its gain on rows left out.
+without it the order of the rows says so.
 
 Of a TOML file, KIND is any key of a number without its unit, such as youngs_modulus, density or
 offset. offset.2 means second entries, offset.left those of the [[cable]] called left.
@@ -52,10 +51,6 @@ with parameters drawn within 30 % of the file's, its outputs get noise (5 mrad, 
 prismatic joint, 1 mm of tip and cables), and the drawn parameters are identified. --excitations
 compares inputs instead: amplitudes and times between knots, with the least deviation that any fit
 can have.
-
---second-opinion also fits the same unknowns to the same data by MuJoCo's own identification (extra
-`sysid`), and prints both. It needs measurements of all joints and of nothing else, equal time
-steps, and no joint that stays at a stop.
 
 exit codes: 0 all parameters identified; 1 some not, they keep the file's value; 2 bad input.
 """
@@ -74,7 +69,6 @@ parser.add_argument(
     "--camera", nargs="+", metavar="X", help="fit, or X Y Z RX RY RZ; default: the world's frame"
 )
 parser.add_argument("--folds", type=cli.count, metavar="N", help="test on N parts of static rows")
-parser.output("--discrepancy", "FILE", "of static rows: fit missing joint forces too; write JSON")
 parser.add_argument(
     "--hints", action="store_true", help="what the model may lack: try extensions on unseen data"
 )
@@ -88,13 +82,13 @@ parser.add_argument(
     help="outputs of the twin; default: joints; markers are lost and renamed",
 )
 parser.option("--noise", cli.finite, "X", "noise of the twin; 1: 5 mrad, 0.1 mm, tip 1 mm", 1.0)
-for names, metavar, default, what in (
-    (("--amplitude", "--reach"), "PART", 0.6, "share of the inputs' ranges in the twin's data"),
-    (("--bias",), "PART", 0.0, "share of the ranges, added to move joints off their stops"),
-    (("--knots",), "S", 0.2, "time between the twin's random inputs"),
+for name, metavar, default, what in (
+    ("--amplitude", "PART", 0.6, "share of the inputs' ranges in the twin's data"),
+    ("--bias", "PART", 0.0, "share of the ranges, added to move joints off their stops"),
+    ("--knots", "S", 0.2, "time between the twin's random inputs"),
 ):
     parser.add_argument(
-        *names, type=cli.finite, nargs="+", metavar=metavar, default=[default],
+        name, type=cli.finite, nargs="+", metavar=metavar, default=[default],
         help=f"{what}, one for all or one for each; default: {default:g}",
     )  # fmt: skip
 parser.add_argument(
@@ -102,9 +96,6 @@ parser.add_argument(
 )
 parser.option("--seeds", cli.count, "N", "number of twins", 1)
 parser.add_argument("--excitations", action="store_true", help="compare inputs on the twin")
-parser.add_argument(
-    "--second-opinion", action="store_true", help="also MuJoCo's own identification"
-)
 parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
 parser.option("--timestep", cli.positive, "S", "longest step of the twin", 1e-4)
 parser.output("--out", "FILE", "write the robot's file, URDF or TOML, with the new numbers")
@@ -119,8 +110,7 @@ def command(arguments: cli.Arguments) -> int:
     import numpy as np
 
     from softdyn import InputError, identification
-    from softdyn.identification.model_errors.discrepancy import FOLDS, left_out
-    from softdyn.identification.model_errors.hints import hints, where, where_text
+    from softdyn.identification.hints import FOLDS, hints, left_out, where, where_text
     from softdyn.identification.result import distance
     from softdyn.validation.files import write_text
     from softdyn.validation.report.identification_page import page
@@ -145,10 +135,6 @@ def command(arguments: cli.Arguments) -> int:
     unknowns = made.unknowns(*chosen) if made else identification.unknowns_of(model, *chosen)
     if fitted and taken.view is not None:
         unknowns += identification.camera_unknowns(taken.view.camera)
-    if arguments.second_opinion:
-        from softdyn.validation.identification import second_opinion as second
-
-        second.check(model, data, unknowns, arguments.hold_out)
     options: dict[str, Any] = {
         "hold_out": 0.0 if arguments.test else arguments.hold_out,
         "step": arguments.step or math.inf, "taken": taken,
@@ -174,8 +160,6 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.folds:
         unseen = distance(found.names, left_out(found.fit, arguments.folds))
         lines.append(f"rms on rows left out, in {arguments.folds} parts: {unseen:.3g}")
-    if arguments.discrepancy:
-        lines.append(missing_forces(arguments.discrepancy, found))
     places = where(found)
     if arguments.hints:
         lines += [where_text(places)]
@@ -189,12 +173,7 @@ def command(arguments: cli.Arguments) -> int:
     report = {"robot": model.name, "data": arguments.data, **found.report(), "doubts": lines,
               "rms_left_out": unseen, "residuals": places,
               "hints": again.get("hints", [])}  # fmt: skip
-    text = "\n".join([str(found), *lines])
-    if arguments.second_opinion:
-        opinion = second.second_opinion(model, data, unknowns, found, arguments.hold_out)
-        report["second_opinion"] = opinion.report()
-        text += f"\n\n{opinion}"
-    cli.write_report(report, arguments.json, text)
+    cli.write_report(report, arguments.json, "\n".join([str(found), *lines]))
     return cli.PASSED if all(one.identified for one in found.estimates) else cli.FAILED
 
 
@@ -208,9 +187,9 @@ def robot_of(arguments: cli.Arguments) -> tuple[DesignFile | None, SoftModel]:
         if on and not (arguments.static or name == "--relabel"):
             raise InputError(name, "--static", "data over time")
     if Path(arguments.robot).suffix == ".toml":
-        if arguments.twin is not None or arguments.second_opinion:
+        if arguments.twin is not None:
             expected = "a URDF; `softdyn new` makes one of the TOML file"
-            raise InputError("--twin, --second-opinion", expected, arguments.robot)
+            raise InputError("--twin", expected, arguments.robot)
         made = identification.DesignFile(arguments.robot, arguments.points)
         return made, made.model
     model = softdyn.load(arguments.robot)
@@ -218,17 +197,6 @@ def robot_of(arguments: cli.Arguments) -> tuple[DesignFile | None, SoftModel]:
         markers = identification.read_points(arguments.points)
         model = build(identification.marked(model.robot, markers))
     return None, model
-
-
-def missing_forces(path: str, found: Identified) -> str:
-    """Fit the discrepancy model, write it with its gain, and state the gain."""
-    from softdyn.identification.model_errors.discrepancy import fit_discrepancy, gain_of
-    from softdyn.validation.files import write_json
-
-    model = fit_discrepancy(found.fit)
-    gain = gain_of(found.fit, model)
-    write_json(path, {**model.report(), "fitted": gain.fitted, "unseen": gain.unseen})
-    return str(gain)
 
 
 def camera_of(arguments: cli.Arguments) -> tuple[np.ndarray | None, bool]:
@@ -253,7 +221,6 @@ def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: Sequence[Param
     """Identify drawn parameters, seed by seed, or find the inputs that identify them best."""
     import math
 
-    from softdyn import InputError
     from softdyn.validation.identification import trials, twin_report
 
     excitation = trials.Excitation(
@@ -263,13 +230,10 @@ def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: Sequence[Param
     outputs = twin_report.outputs_of(model, arguments.measure)
     what, jobs = (model, unknowns, outputs, excitation, arguments.noise), arguments.jobs or -1
     if arguments.excitations:
-        if arguments.second_opinion:
-            raise InputError("--second-opinion", "a fit", "--excitations, which fits nothing")
         report, text, known = twin_report.of_excitations(*what, jobs=jobs)
     else:
         report, text, known = twin_report.of_trials(
-            *what, opinion=arguments.second_opinion, seeds=arguments.seeds,
-            step=arguments.step or math.inf, jobs=jobs,
+            *what, seeds=arguments.seeds, step=arguments.step or math.inf, jobs=jobs
         )  # fmt: skip
     cli.write_report({"robot": model.name, **report}, arguments.json, text)
     return cli.PASSED if known else cli.FAILED

@@ -32,8 +32,7 @@ without readings and with them; the picture has the arm coloured by it.
 --data runs the filter over a CSV file with the columns t, command.INPUT or u.INPUT, and
 measured.SENSOR, such as the CSV of a run with --rig. The residuals of its sensors show biases,
 wrong noise and what the model lacks; `softdyn identify ROBOT FILE --free sensor_bias
-sensor_latency` fits biases and latencies to the same file. --touch tests each link for a constant
-force; all links together raise a false alarm at the stated rate.
+sensor_latency` fits biases and latencies to the same file.
 
 exit codes: 0 done, the wrong start was forgotten; 1 it was not; 2 bad input.
 """
@@ -52,11 +51,6 @@ goal.add_argument(
 )
 goal.add_argument("--log", metavar="FILE", help="along a run, a log of softdyn run")
 goal.add_argument("--data", metavar="FILE", help="recorded data, a CSV file")
-parser.add_argument(
-    "--touch", type=cli.finite, nargs="?", const=0.0, metavar="S",
-    help="test the data for a touch of some link, from S s to their end",
-)  # fmt: skip
-parser.option("--false-alarms", cli.positive, "RATE", "rate of false alarms of --touch", 0.01)
 parser.option("--period", cli.positive, "S", "time between steps in s", 0.002)
 parser.option("--seconds", cli.positive, "S", "time to observe in s", 1.0)
 parser.output("--plot", "FILE", "draw the arm coloured by its expected error: .png or .pdf")
@@ -77,8 +71,6 @@ def command(arguments: cli.Arguments) -> int:
     disturbances = [word for word in arguments.disturbances.split(",") if word]
     if arguments.data is not None:
         return observe_file(model, sensors, disturbances, arguments)
-    if arguments.touch is not None:
-        parser.error("argument --touch: only with --data")
     if arguments.log is not None:
         found, q = along_run(model, sensors, disturbances, arguments.log)
     else:
@@ -119,19 +111,11 @@ def observe_file(
     disturbances: list[str],
     arguments: cli.Arguments,
 ) -> int:
-    """Run the filter, and the test for a touch, over recorded data."""
-    from softdyn.estimation import Ekf, find_touch, observe_data, read_rows
+    """Run the filter over recorded data."""
+    from softdyn.estimation import Ekf, observe_data
 
-    observer = Ekf(model, sensors, disturbances)
-    data = observe_data(model, observer, arguments.data)
-    report, text = data.to_dict(), str(data)
-    if arguments.touch is not None:
-        rows = read_rows(model, observer.reading_names, arguments.data)
-        found = find_touch(
-            model, *rows, sensors, begin=arguments.touch, false_alarms=arguments.false_alarms
-        )
-        report, text = report | {"touch": found.to_dict()}, f"{text}\n\n{found}"
-    cli.write_report(report, arguments.json, text)
+    data = observe_data(model, Ekf(model, sensors, disturbances), arguments.data)
+    cli.write_report(data.to_dict(), arguments.json, str(data))
     return cli.PASSED
 
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 from functools import partial
 from typing import Any
@@ -28,12 +27,7 @@ file has the <task>s of the robot's file. Controllers of your own then get tasks
 --obstacles FILE is as for run: all controllers of the menu keep clear of them, and the page shows
 them.
 
---measure S compares runs of S seconds: without pages, with two pages that read every frame and draw
-none, and with two windows of Chromium if it is installed. They take turns. The report has the times
-of the control step and the pace of the clock.
-
-exit codes: 0 ended by Ctrl-C or SIGTERM, or measured; 1 the step with two readers took more than
-1.1 x as long; 2 bad input.
+exit codes: 0 ended by Ctrl-C or SIGTERM; 2 bad input.
 """
 
 
@@ -64,10 +58,6 @@ parser.add_argument(
 parser.add_argument(
     "--obstacles", metavar="FILE", help="obstacles around the robot, a TOML file as for run"
 )
-parser.add_argument(
-    "--measure", type=cli.positive, metavar="S", help="measure the cost of pages, S s each"
-)
-cli.add_json(parser)
 cli.add_robot_options(parser)
 cli.add_server_options(parser)
 
@@ -79,23 +69,12 @@ def command(arguments: cli.Arguments) -> int:
         from softdyn.view.live.pacing import Clock
 
         session = make_session(arguments)
-        if arguments.measure is not None:
-            return measure(session, arguments)
         with open_play_page(session, arguments.port) as channel:
             print(f"{channel.url}\nCtrl-C ends it", flush=True)
             if not arguments.no_open:
                 channel.open()
             drive(session, channel, Clock(session.period, keep=KEPT), over, warn)
     return cli.PASSED
-
-
-def measure(session: Any, arguments: cli.Arguments) -> int:
-    """Measure the cost of pages."""
-    from softdyn.validation.timing import live_timing
-
-    report = live_timing.measure(session, arguments.measure, browser=shutil.which("chromium"))
-    cli.write_report(report, arguments.json, live_timing.live_time_text(report))
-    return cli.PASSED if report["passed"] else cli.FAILED
 
 
 def warn(text: str) -> None:

@@ -85,16 +85,17 @@ def command(arguments: cli.Arguments) -> int:
         cli.make_folder(Path(arguments.out))
         cli.check_outputs(parser, arguments, *logs_to)
     began = time.perf_counter()
-    logs = rollouts(
-        model, batch, seconds, hold=hold, period=arguments.period, timestep=arguments.timestep,
-        integrator=arguments.integrator, q0=arguments.q0, contacts=arguments.contacts,
-        friction=arguments.friction, rig=make_rig(arguments.rig),
-    )  # fmt: skip
+    with cli.saved_in_errors(arguments.log):
+        logs = rollouts(
+            model, batch, seconds, hold=hold, period=arguments.period, timestep=arguments.timestep,
+            integrator=arguments.integrator, q0=arguments.q0, contacts=arguments.contacts,
+            friction=arguments.friction, rig=make_rig(arguments.rig),
+        )  # fmt: skip
     wall = time.perf_counter() - began
     for log, path in zip(logs, logs_to, strict=False):
         log.save(path)
     if arguments.log is not None:
-        (logs[0].to_csv if arguments.log.endswith(".csv") else logs[0].save)(arguments.log)
+        cli.save_log(logs[0], arguments.log)
     if arguments.html is not None:
         page = comparison(logs, [model] * len(logs), names) if several else logs[0].show(model)
         page.save(arguments.html)

@@ -63,7 +63,11 @@ run and at its end. It has reached a trajectory if the rms of |e| over the last 
 which a straight robot turns when its tip moves by --tolerance. If a set point or tasks are missed,
 statics searches for a few seconds the equilibrium nearest to the last targets.
 
-exit codes: 0 reached (--no-verdict: not failed); 1 not reached, failed or diverged; 2 bad input.
+An error in your own class ends the run with its traceback. --log then has the run up to there, as
+it has after Ctrl-C.
+
+exit codes: 0 reached (--no-verdict: not failed); 1 not reached, failed or diverged, or an error in
+your own class; 2 bad input; 130 interrupted.
 """
 
 
@@ -159,15 +163,15 @@ def command(arguments: cli.Arguments) -> int:
     with naming(model):
         controller = make_controller(model, arguments.controller, arguments.gains, around, **more)
     if arguments.certify:
-        from softdyn.controllers import Certified
+        from softdyn.validation.loop.certificate import TrueRate, certified
 
-        controller = Certified(controller)
+        TrueRate(controller)  # it may refuse the controller
     rig, observer, shown = make_rig(arguments.rig), None, None
     if arguments.observer is not None:
         from softdyn.validation.loop.observation import make_observer
 
         observer = make_observer(model, rig, arguments.observer)
-    with one_line_errors(arguments.controller, "a command"):
+    with one_line_errors(arguments.controller, "a command"), cli.saved_in_errors(arguments.log):
         loop = ClosedLoop(
             model,
             controller,
@@ -185,8 +189,10 @@ def command(arguments: cli.Arguments) -> int:
             log, shown = watch(loop, plant, arguments)
         else:
             log = loop.run(progress=True)
+    if arguments.certify:
+        log = certified(log, model, controller, loop.reference)
     if arguments.log is not None:
-        (log.to_csv if arguments.log.endswith(".csv") else log.save)(arguments.log)
+        cli.save_log(log, arguments.log)
     if arguments.html is not None:
         from softdyn.validation.report.replay import replay
 

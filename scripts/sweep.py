@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -33,9 +35,9 @@ Below --out: cases/ with one file per case, sweep.csv with all of them, and swee
 ones, or with a table of all if the file asks for it. An interrupted sweep continues where it
 stopped. A case runs again when it, its robot, its controller, softdyn or an engine has changed.
 
-exit codes: 0 every case has a result, failed loops included; 1 a case could not run, the scheduler
-was lost, or a case failed that must not fail (for robustness: masses, springs and damping within
-10 %); 2 bad input; 130 interrupted.
+exit codes: 0 every case has a result, failed loops included; 1 a case could not run, your own code
+raised an error, whose traceback is printed, the scheduler was lost, or a case failed that must not
+fail (for robustness: masses, springs and damping within 10 %); 2 bad input; 130 interrupted.
 """
 
 
@@ -85,10 +87,17 @@ def command(arguments: cli.Arguments) -> int:
         return cli.PASSED
     cli.make_folder(out)
 
+    traces: list[str] = []
+
     def execute(order: list[CaseJob]) -> Iterator[tuple[int, CaseResult]]:
         if arguments.scheduler is None:
-            return executors.patient(arguments.jobs or -1)(order)
-        return cluster.cluster(arguments.scheduler)(order)
+            executor = executors.patient(arguments.jobs or -1)
+        else:
+            executor = cluster.cluster(arguments.scheduler)
+        with closing(executor(order)) as results:  # type: ignore[type-var]
+            for index, result in results:
+                traces.extend(filter(None, [result.trace]))
+                yield index, result
 
     ran = executors.follow(store.run(jobs, execute), jobs)
     rows, table = sweep_report.sweep_rows(jobs, store), ""
@@ -105,7 +114,10 @@ def command(arguments: cli.Arguments) -> int:
     text = f"{table}\n" if table else sweep_report.summary(report)
     cli.write_report(report, arguments.json, f"{text}\nTables and cases: {out}/")
     failed = {case.name for case, result in rows if result.get("failed", True)}
-    bad = report["outcomes"]["not_run"] or wanted.failures(failed)
+    for trace in traces[:1]:  # the others are usually the same
+        print(trace, end="", file=sys.stderr)
+    ended = report["outcomes"]
+    bad = ended["not_run"] or ended["raised"] or wanted.failures(failed)
     return cli.FAILED if bad else cli.PASSED
 
 

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import sysconfig
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Any
+
+STANDARD_LIBRARY = (sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib"))
+# functions of softdyn that load a user's file and make its objects
+MAKERS = ("_load", "make_controller", "make_observer")
 
 
 class SoftdynError(Exception):
@@ -58,6 +65,69 @@ class InputError(SoftdynError, ValueError):
 
     def __reduce__(self) -> tuple[Any, ...]:  # crosses process boundaries
         return type(self), (self.name, self.expected, self.got, self.text)
+
+
+class OwnCodeError(SoftdynError):
+    """A user's own code raised an error while it ran.
+
+    Attributes
+    ----------
+    text : str
+        The error in one line, with file and line number.
+    trace : str
+        Python's traceback, from the user's file on.
+    """
+
+    def __init__(self, text: str, trace: str) -> None:
+        self.text, self.trace = text, trace
+        super().__init__(text)
+
+    def __reduce__(self) -> tuple[Any, ...]:  # crosses process boundaries
+        return type(self), (self.text, self.trace)
+
+
+@contextmanager
+def own_code_errors(program: str = "softdyn") -> Iterator[None]:
+    """Turn errors of a user's running code into an `OwnCodeError`.
+
+    Code is a user's own if it belongs neither to softdyn nor to an installed package. Errors while
+    a user's file is loaded or its objects are made pass unchanged, because they are bad input.
+    Ctrl-C passes too.
+
+    Parameters
+    ----------
+    program : str
+        The package of the program that runs, whose code is no user's either.
+    """
+    try:
+        yield
+    except (KeyboardInterrupt, GeneratorExit):
+        raise
+    except BaseException as error:  # a user's code may raise anything
+        own = own_frames(error, program)
+        if own is None:
+            raise
+        steps, kind = traceback.extract_tb(own), type(error)
+        lines = [step.lineno for step in steps if step.filename == steps[0].filename]
+        place = f"{Path(steps[0].filename).name}:{lines[-1]}"
+        trace = "".join(traceback.format_exception(kind, error, own))
+        raise OwnCodeError(one_line(f"{place}: {kind.__name__}: {error}", 500), trace) from error
+
+
+def own_frames(error: BaseException, program: str = "softdyn") -> Any:
+    """The traceback of an error from the first frame of running user's code on, else None."""
+    found = error.__traceback__
+    while found is not None and not _is_own(found.tb_frame, program):
+        if found.tb_frame.f_code.co_name in MAKERS:
+            return None
+        found = found.tb_next
+    return found
+
+
+def _is_own(frame: FrameType, program: str) -> bool:
+    file, module = frame.f_code.co_filename, str(frame.f_globals.get("__name__", ""))
+    installed = file.startswith(("<", *STANDARD_LIBRARY)) or "-packages" in file
+    return not installed and module.partition(".")[0] not in ("softdyn", "__main__", program)
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.studies.engine.case import Case
 from softdyn.view.rest_sweep import rest_page
 from softdyn.view.server import Viewer
+from tests.support import PATIENCE
 from tests.support.control_cases import drawn, robot
 
 LAWS = {**CONTROLLERS, **BEYOND}
@@ -104,8 +105,8 @@ def test_fork():
     queue = context.Queue()
     child = context.Process(target=_state_in_child, args=(queue, model, law, state, goal))
     child.start()
-    h, *inputs = queue.get(timeout=60)
-    child.join(timeout=60)
+    h, *inputs = queue.get(timeout=PATIENCE)
+    child.join(timeout=PATIENCE)
     np.testing.assert_array_equal(h, state.h)
     for u in inputs:
         np.testing.assert_allclose(u, expected, rtol=1e-9, atol=1e-12)

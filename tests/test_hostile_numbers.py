@@ -2,7 +2,7 @@
 
 Every argument of controllers, references, integrators and the model takes NaN, infinities, huge and
 denormal numbers, wrong shapes and wrong types, alone and in combination. docs/robustness.md lists
-the cases and where else they are tested. Times are measured by `softdyn step-time --hostile`.
+the cases and where else they are tested. Times are measured by `python -m tests.proof hostile`.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from hypothesis import strategies as st
 
 import softdyn
 from softdyn import InputError, Reference, SetPoint, SoftdynError, SoftModel, State
-from softdyn.commands import step_time
 from softdyn.controllers import CONTROLLERS, Command, Gains, Status
 from softdyn.description.rig import Actuator
 from softdyn.dynamics.integrators import step_implicit, step_rk4
 from softdyn.validation import simulate
-from softdyn.validation.timing import hostile
+from tests.proof import hostile as worst
+from tests.proof.timing import hostile
 from tests.support.control_cases import BUNDLED, GAINS, drawn, robot
 
 ROBOTS = ("finger", "spirob", "sliding and turning", "two identical tendons", "a fixed input")
@@ -310,8 +310,8 @@ def test_a_diverging_loop_ends_with_its_time_and_reason(name: str, tmp_path) -> 
 
 
 def test_the_benchmark_of_the_worst_step(capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["--hostile", "--robots", "finger", "--controllers", "ic", "--rounds", "1"]
-    assert step_time.main(arguments) in (0, 1)  # the time is a measurement, not a test
+    arguments = ["--robots", "finger", "--controllers", "ic", "--rounds", "1"]
+    assert worst.main(arguments) in (0, 1)  # the time is a measurement, not a test
     out = capsys.readouterr().out
     assert out.startswith("robot ")
     assert "0 answers not finite or out of bounds" in out

@@ -1,13 +1,16 @@
-"""The site that `make docs` builds: formulas. mkdocs itself checks its links (--strict)."""
+"""The site that `make docs` builds: formulas and search. mkdocs itself checks links (--strict)."""
 
 from __future__ import annotations
 
 import re
 import runpy
+import shutil
+from pathlib import Path
 
 import pytest
 
 from tests.support import ROOT
+from tests.support.browser import Browser, required
 
 markdown = pytest.importorskip("markdown")
 pytest.importorskip("latex2mathml")
@@ -46,3 +49,31 @@ def test_a_displayed_formula_has_its_number_and_its_limits(hooks: dict) -> None:
 def test_unknown_latex_stops_the_build(hooks: dict) -> None:
     with pytest.raises(ValueError, match="expected known LaTeX"):
         page("$\\nosuchcommand x$", hooks)
+
+
+@required()
+def test_the_search_works_from_a_file_without_a_network(tmp_path: Path) -> None:
+    """Of a small site with our theme, plugins and assets."""
+    pytest.importorskip("material")
+    import yaml
+    from mkdocs.commands.build import build
+    from mkdocs.config import load_config
+
+    ours = yaml.safe_load((ROOT / "docs/site/mkdocs.yml").read_text())
+    small = {name: ours[name] for name in ("site_name", "theme", "extra", "extra_css", "strict")}
+    small["plugins"] = [one for one in ours["plugins"] if "mkdocstrings" not in one]
+    (tmp_path / "mkdocs.yml").write_text(yaml.safe_dump(small))
+    shutil.copytree(ROOT / "docs/site/assets", tmp_path / "docs/site/assets")
+    (tmp_path / "docs/index.md").write_text("# First\n\nA tendon pulls.\n")
+    (tmp_path / "docs/other.md").write_text("# Second page\n\nHere a capstan rubs.\n")
+    build(load_config(str(tmp_path / "mkdocs.yml")))
+    with Browser() as browser:
+        browser.open((tmp_path / "site/index.html").as_uri(), 1200, 800)
+        query = "document.querySelector('[data-md-component=search-query]')"
+        browser.run(f"({query}.focus(), {query}.value = 'capstan', 1)")
+        browser.run(f"({query}.dispatchEvent(new Event('keyup')), 1)")
+        found = "[...document.querySelectorAll('.md-search-result__item a')].map(a => a.innerText)"
+        browser.until(f"{found}.length > 0")
+        assert "Second page" in browser.run(found)[0]
+        assert browser.console == []
+        assert {url.partition(":")[0] for url in browser.requests} <= {"file", "data", "about"}

@@ -6,12 +6,11 @@
 - `mjcf`: MJCF files: compared with a URDF, written, used as the plant
 - `crosschecks`: the model's terms, trajectories and equilibria against MuJoCo's
 - `studies`: many closed loops: the paper's grid, sweeps
-- `paper`: the paper's experiments, its QPs as printed, its reference implementation
+- `paper`: the paper's experiments
 - `identification`: what a fit finds in data of twins with known parameters
 - `rods`: how many joints an arm needs
 - `live`: a plant and a controller in front of live pages; `play`
 - `report`: figures and pages
-- `timing`: what a control step costs
 - `inputs`: the files that a command reads
 - `files`, `arrays`, `processes`, `plain_data`, `tables`: files that appear whole, NPZ files of any
   origin, runs in processes, values as JSON, tables of text

@@ -1,6 +1,7 @@
 from . import paper
 from .crosschecks.crosscheck import crosscheck
 from .live.playing import play
+from .loop.certificate import certified
 from .loop.log import Log
 from .loop.simulate import simulate
 from .mjcf.comparison.comparison import compare
@@ -18,6 +19,7 @@ __all__ = [
     "StateMap",
     "Twin",
     "benchmark",
+    "certified",
     "compare",
     "crosscheck",
     "paper",

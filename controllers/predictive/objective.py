@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softdyn import SoftModel, State
+from softdyn import InputError, SoftModel, State
 from softdyn.controllers.predictive.prediction import Lookahead
 
 SIZE = 1e-8  # weight of ‖u‖² beside that of its rate: it only picks among equal answers
@@ -94,9 +94,17 @@ def horizon_weights(
         Whether changes that R does not see count, too, each input by its own entry of R.
     rows : ndarray, (r, n), optional
         The errors' Jacobian at rest, by default that of the tip.
+
+    Raises
+    ------
+    InputError
+        If no joint moves the tip, or the points of `rows`.
     """
     H, step = horizon, horizon / knots[-1]
     state, S, compliance = stiffness_at_rest(model, H, rows)
+    if not compliance > 0:
+        where, what = f"{model.robot.path}: <task>", f"{model.robot.task!r}, which stands still"
+        raise InputError(where, "a frame that some joint moves at q = 0", what)
     factor = np.linalg.cholesky(S)
     R = rate * compliance * state.B.T @ np.linalg.solve(S, state.B)
     lengths = np.diff((0, *knots)).astype(float)

@@ -1,7 +1,6 @@
 """The QPs of the controllers and their parts; numbers in brackets are the paper's equations.
 
 - `clf`: the Lyapunov function V (8), its P from the Riccati equation (9), the decrease of V (10);
-- `certificate`: the true rate of V under a controller, beside the rate that its QP assumes;
 - `stacked_error`: the errors of several tasks as one;
 - `tip_error`: the tip's error η (6, 7), μ_ref, and V's condition on μ, for every controller;
 - `soft_inverse_dynamics`: the objective of (13) and (22) on the actuated rows (12), condensed;

@@ -5,9 +5,10 @@ higher levels (Escande, Mansard and Wieber 2014). The regulariser, all other ter
 controller's cost, stands in the last level only. A projection into the null space of the higher
 tasks would be wrong where bounds are active: it ignores what the bounds leave free.
 
-On the optima of a level its μ is constant, and bounds with a multiplier stay active. The next level
-therefore has fewer unknowns, x = x_0 + Z w, and no row that is thinner than the solver's tolerance.
-The one rank rule decides how many rows of a level, or of a task, are independent.
+All optima of a level have the same μ. The next level therefore has fewer unknowns, x = x_0 + Z w,
+where Z spans the null space of μ's map. It needs no row for a saturated input: a bound with a
+multiplier is active at every optimum, so no w within the bounds leaves it. The one rank rule
+decides how many rows of a level, or of a task, are independent.
 """
 
 from __future__ import annotations
@@ -139,12 +140,12 @@ class LevelQp:
             found = self._solve(level, x, Z, unique=last)
             if found is None:
                 return guard.fall_back(Status.NOT_SOLVED, tip.V, np.nan)
-            x, held = found
+            x = found
             delta = max(delta, float(level.row @ x - level.bound)) if self._rho else np.nan
             room = np.minimum(G @ x - self._lower, self._upper - G @ x)
             saturated = bool((room <= SAME * (self._upper - self._lower)).any())
             reports += _reports(tip, rows, mu_map, mu_0, x, Z, saturated=saturated)
-            Z = Z @ _null(F @ Z, held @ Z, float(np.linalg.norm(F, axis=1).max()))
+            Z = Z @ _null(F @ Z, float(np.linalg.norm(F, axis=1).max()))
         if self._apart and Z.shape[1]:
             level = LevelProblem(
                 H, g, none, none[:, 0], G, self._lower, self._upper, none[:, 0], 0.0, 0.0
@@ -152,18 +153,18 @@ class LevelQp:
             found = self._solve(level, x, Z, unique=True)
             if found is None:
                 return guard.fall_back(Status.NOT_SOLVED, tip.V, np.nan)
-            x = found[0]
+            x = found
         return replace(guard.accept(scale[:m] * x[:m], tip.V, delta), tasks=tuple(reports))
 
     def _solve(
         self, level: LevelProblem, x: np.ndarray, Z: np.ndarray, *, unique: bool
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        """An optimum of a level in x + Z w, and the rows of G that it holds; None without one.
+    ) -> np.ndarray | None:
+        """An optimum of a level in x + Z w; None without one.
 
         The solver's answer with a small ridge is only the start of an exact active set method.
         """
         if Z.shape[1] == 0:
-            return x, level.G[:0]
+            return x
         inner = _within(level, x, Z, EXACT if unique else RANK_TOLERANCE)
         F, f, tolerance = inner.F, inner.f, RANK_TOLERANCE
         largest = float(np.linalg.norm(level.F, axis=1).max(initial=0.0))
@@ -181,11 +182,12 @@ class LevelQp:
             found = _least_squares(rows, goal, inner, w, side, tolerance * largest)
             if found is None:
                 return None
-            w, side, holds = found
+            w, side = found
             if not inner.rho or (inner.row @ w > inner.bound) == late:
                 break
             late = not late
-        return x + Z @ w, level.G[holds]
+        result: np.ndarray = x + Z @ w
+        return result
 
     def _start(self, level: LevelProblem, ridge: float) -> tuple[np.ndarray, np.ndarray, bool]:
         """The solver's answer, the side (p,) of each row's active bound, and whether δ > 0.
@@ -225,22 +227,21 @@ def _least_squares(
     w: np.ndarray,
     side: np.ndarray,
     smallest: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Minimise ‖F w - f‖² within the bounds from an admissible w.
 
     It is a primal active set method; `side` (p,) is -1 or 1 for a row at its lower or upper bound.
-    Returns w, the sides, and the rows that multipliers hold; None if it does not end. Singular
-    values of F below `smallest` count as zero. Each step is the least that reaches the optimum on
-    the active rows.
+    Returns w and the sides; None if it does not end. Singular values of F below `smallest` count as
+    zero. Each step is the least that reaches the optimum on the active rows.
     """
     G, lower, upper, side = bounds.G, bounds.lower, bounds.upper, side.copy()
     sizes = np.linalg.norm(G, axis=1)
     fixed = ~_moving(G)
     scale = float(np.linalg.norm(F, axis=1).max(initial=0.0) * (np.linalg.norm(f) + 1e-300))
-    holds, dropped = np.zeros(len(G), bool), -1
+    dropped = -1
     for _ in range(10 * len(G) + 10):
         active = side != 0
-        N = _null(G[active], G[:0], 0.0)
+        N = _null(G[active], 0.0)
         U, values, Vt = np.linalg.svd(F @ N, full_matrices=False)
         counted = values > max(smallest, 1e-300)
         right = U[:, counted].T @ (f - F @ w)
@@ -255,18 +256,17 @@ def _least_squares(
         if k >= 0 and room[k] < 1.0:
             w = w + room[k] * step
             if k == dropped and room[k] == 0.0:
-                return w, side, holds  # its multiplier was only rounding
+                return w, side  # its multiplier was only rounding
             side[k] = np.sign(along[k])
             continue
         w = w + step
         weight = np.zeros(len(G))
         weight[active] = np.linalg.lstsq(G[active].T, F.T @ (f - F @ w), rcond=1e-10)[0]
         weight *= sizes / max(scale, 1e-300)
-        holds = weight * side > SAME
         wrong = -weight * side
         dropped = int(wrong.argmax()) if len(wrong) else -1
         if dropped < 0 or wrong[dropped] <= ROUNDING:
-            return w, side, holds
+            return w, side
         side[dropped] = 0.0
     return None
 
@@ -294,21 +294,17 @@ def _within(level: LevelProblem, x: np.ndarray, Z: np.ndarray, tolerance: float)
     )  # fmt: skip
 
 
-def _null(rows: np.ndarray, more: np.ndarray, largest: float) -> np.ndarray:
-    """Orthonormal columns (k, free) on which `rows` and `more` vanish.
+def _null(rows: np.ndarray, largest: float) -> np.ndarray:
+    """Orthonormal columns (k, free) on which `rows` vanish.
 
-    A row of `rows` counts by the one rank rule, as a share of `largest` or of the largest row.
+    A row counts by the one rank rule, as a share of `largest` or of the largest row.
     """
     k = rows.shape[1]
-    basis = np.zeros((0, k))
-    for part, size in ((more, 0.0), (rows, largest)):
-        left = part - (part @ basis.T) @ basis
-        norms = np.linalg.norm(left, axis=1)
-        most = float(norms.max(initial=0.0))
-        if most > RANK_TOLERANCE * max(size, most * RANK_TOLERANCE) and most > 1e-12:
-            own = row_space(np.ascontiguousarray(left), RANK_TOLERANCE * max(size, most) / most)
-            basis = np.vstack((basis, own))
-    return np.linalg.svd(basis, full_matrices=True)[2][len(basis) :].T if len(basis) else np.eye(k)
+    most = float(np.linalg.norm(rows, axis=1).max(initial=0.0))
+    if most <= RANK_TOLERANCE * max(largest, most * RANK_TOLERANCE) or most <= 1e-12:
+        return np.eye(k)
+    own = row_space(np.ascontiguousarray(rows), RANK_TOLERANCE * max(largest, most) / most)
+    return np.linalg.svd(own, full_matrices=True)[2][len(own) :].T
 
 
 def _reports(
@@ -328,8 +324,8 @@ def _reports(
             continue
         A, short = mu_map[part], mu_map[part] @ x + mu_0[part] - tip.mu_ref[part]
         largest = float(np.linalg.norm(A, axis=1).max())
-        own = A.shape[1] - _null(A, A[:0], largest).shape[1]
-        after = free @ _null(A @ free, A[:0] @ free, largest)
+        own = A.shape[1] - _null(A, largest).shape[1]
+        after = free @ _null(A @ free, largest)
         independent = free.shape[1] - after.shape[1]
         free = after
         shortfall = float(np.linalg.norm(short / tip.roots[part]))

@@ -3,11 +3,13 @@
 - `library`: finds a robot's file by name: bundled robots, paths, example-robot-data;
 - `strict_xml`: reads XML strictly; every error names file, line and element;
 - `urdf`: parses an annotated URDF: links, joints, checks of the whole;
+- `mimics`: joints that follow others, composed along chains;
 - `urdf_writer`: writes a robot as URDF text, the inverse of the parse;
 - `annotations`: softdyn's additions: a joint's spring (stiffness and rest), the ``<softdyn>`` block
   with armatures, tendons, actuators and tasks (`stated_task`), overlays;
 - `task_mark`: a task's link, kind and direction, for logs and pages;
-- `unknown_names`: misspelt and misplaced elements;
+- `unknown_names`: misspelt and misplaced elements; `other_tools`: elements that softdyn ignores, or
+  refuses because they change the robot;
 - `robot`: the data: links, joints, tendons, and the tree that they span;
 - `rig`: the data of motors, winches and sensors; `rig_block` reads them from the block;
 - `inertia`: poses; moves and adds inertias, checks that one is physical, finds the nearest

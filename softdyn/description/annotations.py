@@ -108,7 +108,8 @@ def _spring_statements(
                 name = element.text("reference")
                 if name not in joints:
                     raise element.error("reference to a joint", did_you_mean(name, joints))
-                value = child.to_number(str(child.node.xpath("string()")).strip(), tag)
+                text = child.node.get("value", child.node.xpath("string()"))  # Gazebo reads both
+                value = child.to_number(str(text).strip(), tag)
                 if field == "stiffness" and value < 0:
                     raise child.error("springStiffness >= 0", value)
                 yield child, name, field, value

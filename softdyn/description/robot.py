@@ -53,7 +53,10 @@ class Link:
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint that follows another: q = multiplier · q_leader + offset (rad, m)."""
+    """A joint that follows another: q = multiplier · q_leader + offset (rad, m).
+
+    The leader follows no other joint: a chain of followers in the file is composed.
+    """
 
     leader: str
     multiplier: float = 1.0
@@ -173,8 +176,10 @@ class Robot:
     path : Path
         The file.
     warnings : tuple of str
-        A line for each repair, and for each impossible inertia of a link whose moving body is
-        physical.
+        A line for each repair, for each impossible inertia of a link whose moving body is physical,
+        and for what only old releases of Gazebo read.
+    ignored : tuple of str
+        Other tools' elements and attributes that softdyn ignores, each with its number.
     xml : str
         The tree with its inertias as plain URDF, every number spelled as in the file. Engines get
         this text, because it holds only elements that were checked.
@@ -200,6 +205,7 @@ class Robot:
     comment: str = field(default="", compare=False)
     path: Path = field(default=Path(), compare=False)
     warnings: tuple[str, ...] = field(default=(), compare=False)
+    ignored: tuple[str, ...] = field(default=(), compare=False)
     xml: str = field(default="", compare=False)
     text: str = field(default="", compare=False)
     annotations: str = field(default="", compare=False)

@@ -44,8 +44,10 @@ class Element:
         for node in self.node:
             if isinstance(node.tag, str) and tag in (None, node.tag):
                 key = "reference" if node.tag == "gazebo" else "name"
-                name = node.get(key)
-                label = f'<{node.tag} {key}="{name}">' if name else f"<{node.tag}>"
+                name, shown = node.get(key), node.tag
+                if node.prefix:
+                    shown = f"{node.prefix}:{etree.QName(node).localname}"
+                label = f'<{shown} {key}="{name}">' if name else f"<{shown}>"
                 prefix = "" if self.node.getparent() is None else self.label
                 yield Element(self.file, node, prefix + one_line(label))
 

@@ -15,7 +15,9 @@ from softdyn.description.strict_xml import Element
 ORIGIN = ("xyz", "rpy")
 # The known children and attributes of each element; some of them are skipped.
 KNOWN: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "robot": (("link", "joint", "gazebo", "softdyn", "material", "transmission"), ("name",)),
+    "robot": (
+        ("link", "joint", "gazebo", "softdyn", "material", "transmission"), ("name", "version"),
+    ),
     "link": (("inertial", "visual", "collision", "origin"), ("name", "type")),
     "inertial": (("origin", "mass", "inertia"), ()),
     "mass": ((), ("value",)),

@@ -24,12 +24,13 @@ from softdyn.description.annotations import (
     read_springs,
 )
 from softdyn.description.inertia import MOMENTS
+from softdyn.description.mimics import compose_mimics, read_mimic
+from softdyn.description.other_tools import check_other_tools
 from softdyn.description.robot import (
     MOVING,
     ZERO,
     Joint,
     Link,
-    Mimic,
     Origin,
     Robot,
     Vector,
@@ -123,6 +124,7 @@ def _robot(
         mjcf = ", an MJCF: `softdyn export` writes it as a URDF" if root.tag == "mujoco" else ""
         raise root.error("the root element <robot>", f"<{root.tag}>{mjcf}")
     check_known_names(root)
+    ignored, left_out = check_other_tools(root)
     name = root.text("name")
     links = root.unique("link", _link)
     if not 0 < len(links) <= MAX_LINKS:
@@ -131,13 +133,13 @@ def _robot(
     freedoms = sum(joint.moves for joint in joints.values()) + (6 if floating else 0)
     if freedoms > MAX_DOF:
         raise root.error(f"at most {MAX_DOF} degrees of freedom", freedoms)
-    _check_mimics(root, joints)
+    compose_mimics(root, joints)
     _check_tree(root, links, joints)
     read_springs(root, joints)
     comments = [str(c.text) for c in root.node.itersiblings(etree.Comment, preceding=True)]
     robot = Robot(
         name, tuple(links.values()), tuple(joints.values()), others=_others(root),
-        floating=floating, comment="\n".join(comments[::-1]), path=path,
+        floating=floating, comment="\n".join(comments[::-1]), path=path, ignored=ignored,
     )  # fmt: skip
     repairs = _repair(root, robot) if repair_inertia else ()
     if repairs:
@@ -170,7 +172,7 @@ def _robot(
     )
     if element is not None:
         check_placement(element, robot)
-    return replace(robot, warnings=(*repairs, *_check_bodies(root, robot)))
+    return replace(robot, warnings=(*left_out, *repairs, *_check_bodies(root, robot)))
 
 
 def _judged(node: etree._Element) -> etree._Element:
@@ -251,16 +253,8 @@ def _joint(element: Element, links: dict[str, Link]) -> Joint:
         direction=_direction(element),
         damping=dynamics.non_negative("damping") if dynamics else 0.0,
         friction=dynamics.non_negative("friction") if dynamics else 0.0,
-        mimic=_mimic(element.child("mimic")),
+        mimic=read_mimic(element),
     )
-
-
-def _mimic(element: Element | None) -> Mimic | None:
-    if element is None:
-        return None
-    element.allow("joint", "multiplier", "offset")
-    multiplier, offset = element.number("multiplier", 1.0), element.number("offset", 0.0)
-    return Mimic(element.text("joint"), multiplier, offset)
 
 
 def _end(element: Element, tag: str, links: dict[str, Link]) -> str:
@@ -295,21 +289,6 @@ def _limits(element: Element, kind: str) -> tuple[float, float, float, float]:
         raise limit.error("lower <= upper", f"lower={lower} upper={upper}")
     span = (-math.inf, math.inf) if kind == "continuous" else (lower, upper)
     return *span, effort, velocity
-
-
-def _check_mimics(root: Element, joints: dict[str, Joint]) -> None:
-    """Refuse a follower whose leader follows another joint, or is continuous or fixed."""
-    for element in root.children("joint"):
-        mimic = joints[element.text("name")].mimic
-        if mimic is None:
-            continue
-        leader = joints.get(mimic.leader)
-        expected = "the name of a revolute or prismatic joint that follows no other"
-        if leader is None:
-            raise element.error(f"in <mimic> {expected}", repr(mimic.leader))
-        if leader.mimic is not None or leader.kind not in ("revolute", "prismatic"):
-            kind = "mimic" if leader.mimic is not None else leader.kind
-            raise element.error(f"in <mimic> {expected}", f"{kind} joint {mimic.leader!r}")
 
 
 def _check_tree(root: Element, links: dict[str, Link], joints: dict[str, Joint]) -> None:

@@ -44,7 +44,7 @@ class Cable:
     angle : float
         Its angle about the arm's axis (rad).
     offset : Profile
-        Distance from the axis (m), from the cable's start to its end.
+        Distance from the axis (m), from the cable's start to its end; 0 on the axis itself.
     straight : bool
         Whether it runs straight from disc to disc; else it lies in a channel along its whole
         length. The same tension bends an arm more through straight cables.
@@ -95,7 +95,7 @@ class Cable:
         flag("straight", self.straight)
         if flag("slack", self.slack) and self.stiffness == 0:
             raise InputError("stiffness", "a number > 0 of a slack cable", self.stiffness)
-        check_profile("offset", self.offset, above=0.0)
+        check_profile("offset", self.offset, lower=0.0)
 
     def place(self, at: float) -> np.ndarray:
         """Position (3,) in the cross-section (x = 0) at the share `at` of the cable's length."""

@@ -31,6 +31,8 @@ LENGTH = 1e-3, 20.0
 """Length of a section (m)."""
 RADIUS = 1e-4, 1.0
 """Radius of a section (m)."""
+NOTHING = 1e-9
+"""A cable whose moment arms are all below this share of the radius moves nothing."""
 HINT = "or set unusual = true if it is meant"
 
 
@@ -45,6 +47,7 @@ def check(layout: Layout) -> None:
     arm = layout.arm
     for cable in arm.cables:
         _check_place(arm, cable)
+        _check_effect(layout, cable)
     joints = {spring.name for spring in layout.all_springs}
     for sensor in arm.sensors:
         joint = sensor.reading.joint
@@ -111,6 +114,18 @@ def _check_place(arm: Arm, cable: Cable) -> None:
             if offset > limit * (1 + 1e-9):
                 inside = f"an offset inside the body, at most {limit:.4g} m there"
                 raise InputError(where, inside, f"{offset:.4g} m")
+
+
+def _check_effect(layout: Layout, cable: Cable) -> None:
+    """Refuse a cable in a channel whose length no joint changes, such as one on a bending axis."""
+    if cable.straight:
+        return
+    arm = layout.arm
+    if np.abs(layout.coefficients(cable)).max() <= NOTHING * along(arm.sections[0].radius, 0.0):
+        kinds = dict.fromkeys(spring.strain for spring in layout.all_springs)
+        expected = "an offset from the axis, or a freedom such as extension that changes its length"
+        got = f"a length that {', '.join(kinds)} do not change"
+        raise InputError(f"cable {cable.name!r}", expected, got)
 
 
 def _bend(layout: Layout, cable: Cable) -> float:

@@ -9,7 +9,6 @@
 - `tendons`: lengths, moment arms ∂ℓ/∂q of fixed and spatial tendons, and their gradients;
 - `coordinates`: places in q of each joint: continuous joints, floating bases;
 - `derivatives`: of accelerations and forces by q, q̇ and u; tangent and gravity stiffness;
-- `mjcf_reader`: an MJCF as Pinocchio's own reader reads it, for comparisons only;
 - `text`: the text that ``print`` shows of a model or a State;
 - `integrators`: one time step, Runge–Kutta or with implicit damping.
 """

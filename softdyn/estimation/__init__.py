@@ -14,7 +14,6 @@
 - `drives`: delay, rate and lag of motors;
 - `observability`: how well and how fast sensors show the state at an equilibrium;
 - `recorded`: the filter over recorded data, with residuals by sensor;
-- `touch`: which link is touched, as a test with a rate of false alarms;
 - `consistency`: normalised errors, and their bounds.
 """
 
@@ -25,11 +24,10 @@ from softdyn.estimation.estimate import Observer
 from softdyn.estimation.estimate import StateEstimate as Estimate
 from softdyn.estimation.observability import Observability, observe, observe_run
 from softdyn.estimation.parameters import EkfCounts, EkfParameters
-from softdyn.estimation.recorded import ObservedData, observe_data, read_rows
-from softdyn.estimation.touch import TouchTest, find_touch
+from softdyn.estimation.recorded import ObservedData, observe_data
 
 __all__ = [
     "Disturbance", "Ekf", "EkfCounts", "EkfParameters", "Estimate", "Observability",
-    "ObservedData", "Observer", "TouchTest", "chi_squared_bounds", "find_touch", "nees", "observe",
-    "observe_data", "observe_run", "read_rows",
+    "ObservedData", "Observer", "chi_squared_bounds", "nees", "observe", "observe_data",
+    "observe_run",
 ]  # fmt: skip

@@ -185,18 +185,6 @@ class Ekf:
         rows = self._rows_of(name)
         return self._P[rows, rows].copy()
 
-    def suppose(self, name: str, deviation: float) -> None:
-        """Begin a disturbance anew at 0, with this deviation, independent of all else."""
-        part, first = self._slices[name], 2 * self.model.nv
-        moves = np.isin(self._drift.moving, np.arange(part.start, part.stop))
-        rates = len(self._d) + np.flatnonzero(moves)
-        at = np.concatenate((np.arange(part.start, part.stop), rates))
-        rows = first + at
-        self._P[rows], self._P[:, rows] = 0.0, 0.0
-        self._P[rows, rows] = deviation**2
-        self._P[first + rates, first + rates] = (deviation / self.parameters.memory) ** 2
-        self._drifting[at] = 0.0
-
     def _rows_of(self, name: str) -> slice:
         first, part = 2 * self.model.nv, self._slices[name]
         return slice(first + part.start, first + part.stop)

@@ -22,7 +22,8 @@ them, and the residuals give the intervals.
   and unknowns of each stretch;
 - `output_error`: the fit of the simulated outputs; `intervals`: intervals, parameters not
   identifiable, whether the residuals are white;
-- `result`: values and intervals; `rewrite`: the robot's file with the new numbers.
+- `result`: values and intervals; `rewrite`: the robot's file with the new numbers;
+- `hints`: where the residuals are, and extensions of the model with their gain on unseen data.
 """
 
 from softdyn.csv_columns import MAX_ROWS as MAX_ROWS

@@ -57,15 +57,12 @@ class Acquisition:
         Whether each row is an equilibrium under its input.
     view : MarkerView, optional
         The markers and the camera that saw them; without it the outputs are in the world's frame.
-    force : ndarray, (N, n), optional
-        More joint forces in each static row.
     guesses : dict
         Equilibria of the rows (n,) from earlier simulations, where the next search starts.
     """
 
     static: bool = False
     view: MarkerView | None = None
-    force: np.ndarray | None = None
     guesses: dict[bytes, np.ndarray] = field(default_factory=dict)
 
 
@@ -190,8 +187,7 @@ class FitProblem:
                 loss += value * one.weights
         data, part = self.data, slice(*run)
         way = None if data.direction is None else data.direction[part]
-        force = None if self.taken.force is None else self.taken.force[part]
-        return Inputs(data.u[part], loss, way, force, self.taken.guesses)
+        return Inputs(data.u[part], loss, way, self.taken.guesses)
 
     def seen(self, theta: np.ndarray) -> Acquisition:
         """The experiment with the camera of θ."""

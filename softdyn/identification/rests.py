@@ -33,8 +33,6 @@ class Inputs:
     direction : ndarray, (N, m), optional
         Last direction of each cable: 1 pulled in, -1 paid out, 0 unknown. By default that of the
         cable's length from the row before; before the first row the robot has no input.
-    force : ndarray, (N, n), optional
-        More joint forces in each row.
     guesses : dict
         Where the search starts, by the input's bytes; the results are kept there. An input that is
         not there starts from the equilibrium of the row before.
@@ -43,7 +41,6 @@ class Inputs:
     u: np.ndarray
     loss: np.ndarray
     direction: np.ndarray | None = None
-    force: np.ndarray | None = None
     guesses: dict[bytes, np.ndarray] = field(default_factory=dict)
 
 
@@ -74,9 +71,8 @@ def rests(
         H = rest.stiffness
         if way is not None:
             sample = sample._replace(direction=_of_tendons(model, way))
-        force = np.zeros(n) if inputs.force is None else inputs.force[k]
-        if force.any() or (way is not None and len(capstan.tendon)):
-            sample, H = _with_forces(model, capstan, rest, sample, force)
+            if len(capstan.tendon):
+                sample, H = _with_friction(model, capstan, rest, sample)
         path[k] = model.coordinates(sample.state.q)
         if count:
             free = ~rest.held
@@ -113,30 +109,22 @@ def _directions(model: SoftModel, inputs: Inputs) -> np.ndarray:
     return found
 
 
-def _with_forces(
-    model: SoftModel,
-    capstan: Capstan,
-    rest: Equilibrium,
-    sample: MotionSample,
-    force: np.ndarray,
+def _with_friction(
+    model: SoftModel, capstan: Capstan, rest: Equilibrium, sample: MotionSample
 ) -> tuple[MotionSample, np.ndarray]:
     """The equilibrium near `rest` of cables that rub, and its tangent stiffness (n, n).
 
-    It is Newton's method on K + g - B u - τ = 0, with the friction in the sample's directions and
-    a constant force (n,) in τ.
+    It is Newton's method on K + g - B u - τ = 0, with the friction τ in the sample's directions.
     """
-    ways = np.zeros(len(capstan.tendon))
-    if sample.direction is not None:
-        ways = sample.direction[capstan.tendon]
+    assert sample.direction is not None
+    ways = sample.direction[capstan.tendon]
     u = sample.u
     free = np.flatnonzero(~rest.held)
     state, size, step = rest.state, np.inf, np.zeros(model.nv)
     q = before = rest.q
     for _ in range(NEWTON):
         sample = sample._replace(state=state)
-        r = state.K + state.bias - state.B @ u - force
-        if sample.direction is not None:
-            r -= capstan_forces(sample, capstan)
+        r = state.K + state.bias - state.B @ u - capstan_forces(sample, capstan)
         left = float(np.abs(r[free]).max(initial=0.0))
         scale = max(float(np.abs(state.B @ u).max(initial=0.0)), 1e-12)
         if left < size:
@@ -150,4 +138,4 @@ def _with_forces(
             step /= 2
         q = move(model, before, step)
         state = model.state(q, np.zeros(model.nv))
-    raise StaticsError(f"no equilibrium of {model.name} with its friction or forces", size)
+    raise StaticsError(f"no equilibrium of {model.name} with its friction", size)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -112,12 +111,6 @@ class Identified:
     def rms(self) -> float:
         """Rms residual of the fit, as `rms_held_out`."""
         return distance(self.names, self.residuals)
-
-    @property
-    def vague(self) -> tuple[str, ...]:
-        """The old name of `unidentifiable`."""
-        warnings.warn("vague is called unidentifiable", DeprecationWarning, stacklevel=2)
-        return self.unidentifiable
 
     def values(self) -> dict[str, dict[str, float]]:
         """Identified values of the robot, by kind and member, as `rewritten` takes them."""

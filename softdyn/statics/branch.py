@@ -113,7 +113,8 @@ def input_scale(model: SoftModel, start: Equilibrium) -> np.ndarray:
     force = np.abs(np.diag(start.stiffness)) * np.minimum(model.upper - model.lower, 1.0)
     arms = np.abs(start.state.B).max(axis=0, initial=0.0)
     span = np.maximum(model.u_max - model.u_min, 1e-9)
-    needed = force.max() / np.maximum(arms, 1e-300) if force.any() else span
+    firm = force.max(initial=0.0) > start.rounding
+    needed = force.max() / np.maximum(arms, 1e-300) if firm else span
     return np.clip(needed, 1e-9, span)
 
 

@@ -126,6 +126,7 @@ class Diagnosis:
             "equilibrium": self._equilibrium(),
             "warnings": list(self.warnings),
             "doubts": list(self.doubts),
+            "ignored": list(robot.ignored),
         }
 
     def _equilibrium(self) -> dict[str, Any] | None:
@@ -151,6 +152,7 @@ class Diagnosis:
 
     def __str__(self) -> str:
         count = len(self.doubts)
+        well = "nothing looks wrong" if self.equilibrium else "no number looks wrong"
         return "\n".join((
             head(self.model),
             "", *joint_lines(self.model.robot),
@@ -158,17 +160,18 @@ class Diagnosis:
             "", *self._actuation_lines(),
             "", *self._stability_lines(),
             "", self._equilibrium_line(),
+            *(f"ignored: {', '.join(found)}" for found in [self.model.robot.ignored] if found),
             *(f"warning: {text}" for text in self.warnings),
             "", *(f"doubtful: {text}" for text in self.doubts),
-            f"looks wrong in {count} ways" if count else "nothing looks wrong",
+            f"looks wrong in {count} ways" if count else well,
         ))  # fmt: skip
 
     def _equilibrium_line(self) -> str:
         found = self.equilibrium
         if found is None:
-            return "no equilibrium was found from q = 0 under the least input"
+            return "NO equilibrium was found from q = 0 under the least input"
         given = "the least input" if found.u.any() else "no input"
-        firmly = "" if found.stable else ", not stable"
+        firmly = "" if found.stable else f", {found.firmness}"
         return f"rests with its tip at {numbers(found.y)} m under {given}{firmly}"
 
     def _tendon_lines(self) -> Iterator[str]:

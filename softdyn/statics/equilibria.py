@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.projection import Projection, underlying_tree
 from softdyn.exceptions import InputError
-from softdyn.statics.equilibrium import Equilibrium, StaticsError, potential
+from softdyn.statics.equilibrium import ROUNDING, Equilibrium, StaticsError, potential
 from softdyn.statics.stops import HardStops, SoftStops
 
 TOLERANCE = 1e-10  # residual over the largest force
@@ -20,10 +21,11 @@ LARGEST_STEP = 0.3  # largest motion of a joint in one iteration (rad, m), to st
 ITERATIONS = 300
 SNAP = 0.3  # a ramp's step that ends this far from its prediction is halved (rad, m)
 SMALLEST_RAMP_STEP = 1e-3
+LEAST_STIFFNESS = 1e-9  # of a force, over a radian or a metre; a smaller stiffness counts as none
 
 
 def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> Equilibrium:
-    """The stable equilibrium reached from `start` along the falling potential.
+    """The stable or neutral equilibrium reached from `start` along the falling potential.
 
     The method is damped Newton on Π, projected on the joint limits: (∂r/∂q + λ W) d = -r on the
     free joints. W is the Hessian's diagonal, and λ is chosen so that Π falls. At a saddle the step
@@ -55,7 +57,7 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
         block = H[np.ix_(free, free)]
         step = np.zeros(model.nv)
         if _balanced(here, H):
-            escape = _downhill(block)
+            escape = _downhill(block, here.scale)
             if escape is None:
                 return _equilibrium(model, q, u, here, H)
             step[free] = escape
@@ -269,28 +271,35 @@ def _limited(step: np.ndarray) -> np.ndarray:
 
 
 def _newton(H: np.ndarray, r: np.ndarray, damping: np.ndarray) -> np.ndarray:
-    """-(H + diag(damping))⁻¹ r, with more damping if this matrix is not positive definite."""
+    """-(H + diag(damping))⁻¹ r, with more damping if this matrix is not positive definite.
+
+    A joint without any stiffness, such as a hoist's, has the step of a small one along its force.
+    """
     W = np.diag(damping)
     shift = 0.0
-    size = np.abs(np.diag(H)) + 1e-6 * np.abs(H).max(initial=1e-300)
+    least = max(np.abs(H).max(initial=0.0), LEAST_STIFFNESS * np.abs(r).max(initial=0.0), 1e-300)
+    size = np.abs(np.diag(H)) + 1e-6 * least
     while True:
-        try:
+        with suppress(np.linalg.LinAlgError):
             L = np.linalg.cholesky(H + W + np.diag(shift * size))
-        except np.linalg.LinAlgError:
-            shift = max(2 * shift, 1e-3)
-            continue
-        return -np.linalg.solve(L.T, np.linalg.solve(L, r))
+            step = -np.linalg.solve(L.T, np.linalg.solve(L, r))
+            if np.isfinite(step).all():
+                return step
+        shift = max(2 * shift, 1e-3)
 
 
-def _downhill(H: np.ndarray) -> np.ndarray | None:
-    """A direction of negative curvature, scaled to a largest entry of 1; None at a minimum."""
+def _downhill(H: np.ndarray, scale: float) -> np.ndarray | None:
+    """A direction of negative curvature, scaled to a largest entry of 1; None at a minimum.
+
+    A curvature within the rounding of forces of this scale counts as none.
+    """
     try:
         np.linalg.cholesky(H)
         return None
     except np.linalg.LinAlgError:
         pass
     values, vectors = np.linalg.eigh(H)
-    if values[0] >= -1e-9 * np.abs(values).max():
+    if values[0] >= -max(1e-9 * np.abs(values).max(), ROUNDING * scale):
         return None
     direction = vectors[:, 0]
     return direction / np.abs(direction).max()
@@ -299,4 +308,6 @@ def _downhill(H: np.ndarray) -> np.ndarray | None:
 def _equilibrium(
     model: SoftModel, q: np.ndarray, u: np.ndarray, here: _Forces, H: np.ndarray
 ) -> Equilibrium:
-    return Equilibrium(model, q, u, here.held, here.stops, H)
+    # a joint that only touches its stop is free to leave it
+    held = here.held & (np.abs(here.stops) > ROUNDING * here.scale)
+    return Equilibrium(model, q, u, held, np.where(here.held & ~held, 0.0, here.stops), H)

@@ -23,6 +23,8 @@ from softdyn.dynamics.derivatives import tendon_forces
 from softdyn.dynamics.model import SoftModel, State, check_model
 from softdyn.exceptions import InputError, SoftdynError
 
+ROUNDING = 1e-12  # of the forces, over a radian or a metre; a stiffness below it is rounding
+
 
 class StaticsError(SoftdynError, ArithmeticError):
     """No equilibrium was found.
@@ -105,7 +107,30 @@ class Equilibrium:
     def stable(self) -> bool:
         """Whether the potential has a strict minimum here, between the joint limits."""
         values = self.eigenvalues
-        return bool(values.size == 0 or values[0] > 1e-9 * np.abs(values).max())
+        return bool(values.size == 0 or values[0] > self.rounding)
+
+    @property
+    def neutral(self) -> bool:
+        """Whether the smallest stiffness is zero, as of a hoist whose input carries its load."""
+        values = self.eigenvalues
+        return bool(values.size and abs(values[0]) <= self.rounding)
+
+    @property
+    def firmness(self) -> str:
+        """The word for a text: stable, neutral or unstable."""
+        return "stable" if self.stable else "neutral" if self.neutral else "unstable"
+
+    @property
+    def rounding(self) -> float:
+        """A stiffness up to this is zero but for rounding (N m/rad, N/m)."""
+        largest = float(np.abs(self.eigenvalues).max(initial=0.0))
+        return max(1e-9 * largest, ROUNDING * self._forces)
+
+    @property
+    def _forces(self) -> float:
+        """The largest force on a joint (N m, N)."""
+        parts = (self.state.K, self.state.bias, np.abs(self.state.B) @ np.abs(self.u))
+        return max(float(np.abs(part).max(initial=0.0)) for part in parts)
 
     @cached_property
     def poles(self) -> np.ndarray:
@@ -126,13 +151,22 @@ class Equilibrium:
         free = np.flatnonzero(~self.held)
         block = np.ix_(free, free)
         result = np.zeros_like(self.stiffness)
-        result[block] = np.linalg.pinv(self.stiffness[block], rcond=1e-14, hermitian=True)
+        largest = np.abs(self.eigenvalues).max(initial=0.0)
+        rcond = max(1e-14, ROUNDING * self._forces / largest) if largest else 1e-14
+        result[block] = np.linalg.pinv(self.stiffness[block], rcond=rcond, hermitian=True)
         return result
 
     @property
     def tip_compliance(self) -> np.ndarray:
-        """Compliance of the tip to a force on it, δy/δf (3, 3) = J (∂r/∂q)⁻¹ Jᵀ (m/N)."""
-        J = self.state.J
+        """Compliance of the tip to a force on it, δy/δf (3, 3) = J (∂r/∂q)⁻¹ Jᵀ (m/N).
+
+        It is NaN if a direction without stiffness moves the tip.
+        """
+        J, free = self.state.J, ~self.held
+        values, vectors = np.linalg.eigh(self.stiffness[np.ix_(free, free)])
+        loose = J[:, free] @ vectors[:, np.abs(values) <= self.rounding]
+        if np.abs(loose).max(initial=0.0) > 1e-9 * np.abs(J).max(initial=0.0):
+            return np.full((3, 3), np.nan)
         return J @ self._free_compliance @ J.T
 
     @property

@@ -12,7 +12,8 @@ from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.statics.branch import approach, input_scale
 from softdyn.statics.equilibria import balance, rest
-from softdyn.statics.equilibrium import Equilibrium
+from softdyn.statics.equilibrium import Equilibrium, StaticsError
+from softdyn.statics.samples import balancing_input
 from softdyn.statics.stops import SoftStops
 
 STAGES = (1.0, 0.1, 0.03, 0.01, 0.0)  # weights of the tip's error, relative to the forces
@@ -59,7 +60,11 @@ def explore(
     x = np.clip(x, problem.low, problem.high) * problem.scale
     q, u = model.configuration(x[: model.nv]), x[model.nv :]
     if not problem.near_stops(q):
-        return approach(balance(model, u, q), target)
+        try:
+            found = balance(model, u, q)
+        except StaticsError:  # u also balances the soft stops, and no stiffness takes their place
+            found = balance(model, balancing_input(model, q), q)
+        return approach(found, target)
     for soft in map(problem.stops, SOFTNESS):
         here = approach(balance(model, u, q, soft), target, 30, soft)
         u, q = here.u, here.q
@@ -86,9 +91,10 @@ class TipProblem:
         span = np.minimum(model.upper - model.lower, 1.0)
         force = np.abs(np.diag(start.stiffness)) * span
         inputs = input_scale(model, start)
-        if not force.any():  # no springs and no gravity: the inputs alone
+        if force.max() <= start.rounding:  # no stiffness at rest: the inputs alone
             force = np.abs(start.state.B) @ inputs
         force = np.maximum(force, 1e-3 * force.max())
+        force = np.where(force > 0, force, 1.0)
         scale = np.concatenate((span, inputs))
         low = np.concatenate((model.lower, model.u_min)) / scale
         high = np.concatenate((model.upper, model.u_max)) / scale

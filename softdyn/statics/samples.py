@@ -86,16 +86,26 @@ def random_shapes(
     model: SoftModel, count: int, seed: int = 0
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Random (q, u): joints within 0.7 rad and their limits, u the input that balances q best."""
-    from scipy.optimize import lsq_linear  # imported only here, because it is slow to import
-
     rng = np.random.default_rng(whole("seed", seed))
     check_model(model)
     for _ in range(whole("count", count)):
         wild = model.coordinates(model.q0) + rng.uniform(-0.7, 0.7, model.nv)
         q = model.configuration(np.clip(wild, model.lower, model.upper))
-        u = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
-        if model.nu:
-            state = model.state(q, np.zeros(model.nv))
-            bounds = (model.u_min, np.maximum(model.u_max, model.u_min + 1e-12))
-            u = lsq_linear(state.B, state.K + state.g, bounds, method="bvls").x
-        yield q, u
+        yield q, balancing_input(model, q)
+
+
+def balancing_input(model: SoftModel, q: np.ndarray) -> np.ndarray:
+    """The input (nu,) within its bounds that balances a configuration q (nq,) best."""
+    from scipy.optimize import lsq_linear  # imported only here, because it is slow to import
+
+    u = np.clip(np.zeros(check_model(model).nu), model.u_min, model.u_max)
+    free = np.flatnonzero(model.u_max > model.u_min)
+    if free.size:
+        state = model.state(q, np.zeros(model.nv))
+        goal = state.K + state.g
+        if free.size < model.nu:
+            goal = goal - state.B @ np.where(model.u_max > model.u_min, 0.0, u)
+        B = state.B if free.size == model.nu else state.B[:, free]
+        bounds = (model.u_min[free], model.u_max[free])
+        u[free] = lsq_linear(B, goal, bounds, method="bvls").x
+    return u

@@ -71,15 +71,23 @@ def fast_springs(model: SoftModel, M: np.ndarray, timestep: float = PLANT_STEP) 
     )
 
 
-def _sizes(robot: Robot) -> Iterator[str]:
+def _size(robot: Robot) -> float:
+    """The way to the tip or the largest joint offset (m); 0 if all joints are at the base."""
     offsets = [float(np.linalg.norm(joint.origin.translation)) for joint in robot.joints]
-    size = max([robot.length, *offsets])
+    return max([robot.length, *offsets])
+
+
+def _sizes(robot: Robot) -> Iterator[str]:
+    size = _size(robot)
     if size > LARGEST:
         yield f"a size of {size:g} m: lengths in mm? URDF wants metres"
     if 0 < size < SMALLEST:
         yield f"a size of {size:g} m: lengths in km or mm scaled twice? URDF wants metres"
     if robot.length == 0:
-        yield "the tip sits at the base: no joint offset on the way to it"
+        yield (
+            f"the tip {robot.task!r} sits at the base, no joint offset is on the way to it: "
+            '<task frame="…"/> names another link'
+        )
 
 
 def _limits(robot: Robot) -> Iterator[str]:
@@ -98,7 +106,9 @@ def _limits(robot: Robot) -> Iterator[str]:
 def _bodies(robot: Robot) -> Iterator[str]:
     bodies = moving_bodies(robot)
     masses = [body.mass for body in bodies.values() if body.mass > 0]
-    heaviest, size = max(masses, default=0.0), max(robot.length, 1e-6)
+    heaviest, size = max(masses, default=0.0), _size(robot)
+    farthest = max((float(np.linalg.norm(body.com)) for body in bodies.values()), default=0.0)
+    extent = size or farthest  # without any joint offset, the centres of mass tell the size
     if heaviest > 200 * max(1.0, size**3):
         yield f"a body of {heaviest:g} kg in a robot of {size:.2g} m: masses in grams?"
     for name, body in bodies.items():
@@ -109,10 +119,10 @@ def _bodies(robot: Robot) -> Iterator[str]:
         squares = 2.5 / body.mass * (moments.sum() - 2 * moments)
         axes = np.sqrt(np.maximum(squares, 0.0))
         gyration = math.sqrt(float(moments.max()) / body.mass)
-        if gyration > BULKY * max(size, 1e-6):
+        if extent and gyration > BULKY * extent:
             yield (
                 f"link {name!r}: its inertia is that of a body {gyration:.2g} m wide, the robot "
-                f"is {size:.2g} m long: inertia in g mm² or kg mm²?"
+                f"is {extent:.2g} m long: inertia in g mm² or kg mm²?"
             )
         volume = 4 / 3 * math.pi * float(np.prod(axes))
         if volume > 0 and not LIGHT < body.mass / volume < DENSE:
@@ -121,7 +131,7 @@ def _bodies(robot: Robot) -> Iterator[str]:
                 f"{body.mass / volume:.2g} kg/m³: mass and inertia do not match"
             )
         com = float(np.linalg.norm(body.com))
-        if com > BULKY * max(size, 0.01):
+        if com > (BULKY * max(size, 0.01) if size else LARGEST):
             yield f"link {name!r}: its centre of mass is {com:g} m away from its joint"
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
 from softdyn.files import write_text
-from softdyn.view.scene import TENSION
+from softdyn.view.scene import TENSION, FigureData
 
 HEAD = """\
 <!DOCTYPE html>
@@ -149,8 +149,8 @@ class Drawn(Protocol):
     """Anything that a page can show: a `Figure`, or another class with the same method."""
 
     @property
-    def data(self) -> dict[str, Any]:
-        """The same data as `Figure.data`."""
+    def data(self) -> FigureData:
+        """The robot as JSON."""
         ...
 
 
@@ -185,7 +185,7 @@ class Page:
             "rows": self.rows,
             "sliders": self.sliders,
         }
-        script = asset("figure.js") + asset("player.js")
+        script = asset("figure.js") + asset("chart.js") + asset("player.js")
         return scene_page(asset("page.html"), asset("style.css"), script, scene, library)
 
     def save(self, path: str | Path) -> None:

@@ -10,7 +10,7 @@ import base64
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import pinocchio as pin
@@ -61,6 +61,36 @@ class DrawnCable:
         if self.side:
             force = self.side * max(0.0, self.side * force)
         return force / self.limit if self.limit > 0 else 0.0
+
+
+class ShapeData(TypedDict):
+    """Shapes, each with the number of its link (-1: the world), and the meshes that they share."""
+
+    meshes: list[dict[str, Any]]
+    shapes: list[dict[str, Any]]
+
+
+class FigureData(ShapeData):
+    """A robot as JSON, with every member that the page's script (figure.js) reads.
+
+    Links are numbers, matrices lists column by column, meshes in base64. `tip` and `root` are
+    links, `dof` is the number of coordinates in a frame, `numbers` that of the targets' numbers.
+    """
+
+    name: str
+    size: float
+    links: int
+    tip: int
+    dof: int
+    marks: list[dict[str, Any]]
+    numbers: int
+    floating: bool
+    root: int
+    joints: list[dict[str, Any]]
+    inputs: list[dict[str, Any]]
+    coordinates: list[dict[str, Any]]
+    skins: list[list[dict[str, Any]]]
+    cables: list[dict[str, Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +144,8 @@ class Figure:
         return list(chain(*levels(self.model.robot.root, self.model.robot.joints)))
 
     @property
-    def data(self) -> dict[str, Any]:
-        """The figure as JSON; matrices column by column, meshes in base64."""
+    def data(self) -> FigureData:
+        """The figure as JSON."""
         robot, model = self.model.robot, self.model
         links = {WORLD: -1} | {name: i for i, name in enumerate(self.links)}
         order = {name: i for i, name in enumerate(model.joint_names)}
@@ -166,7 +196,7 @@ class Figure:
         }
 
 
-def shape_data(shapes: Sequence[Visual], links: dict[str, int]) -> dict[str, Any]:
+def shape_data(shapes: Sequence[Visual], links: dict[str, int]) -> ShapeData:
     """Shapes and their meshes as JSON; `links` gives the number of each link."""
     meshes = {id(s.shape): s.shape for s in shapes if isinstance(s.shape, Mesh)}
     number = {key: i for i, key in enumerate(meshes)}

@@ -10,7 +10,7 @@ from contextlib import suppress
 import pytest
 
 from softdyn.commands import __main__ as softdyn_command
-from softdyn.commands.__main__ import MOVED, NAMES, main
+from softdyn.commands.__main__ import NAMES, main
 from tests.support import ROOT, SCRIPTS
 
 HELPERS = {"__init__", "__main__", "cli", "study_options"}
@@ -56,7 +56,7 @@ def test_the_shell_completes(line, expected, tmp_path):
 
 def test_examples_are_copied_whole_or_not_at_all(tmp_path, capsys):
     folder = tmp_path / "new" / "examples"
-    assert main(["examples", str(folder)]) == 0
+    assert main(["new", "--examples", str(folder)]) == 0
     theirs = ROOT / "docs" / "examples"
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == {
         path.name: path.read_bytes() for path in theirs.iterdir() if path.is_file()
@@ -65,28 +65,30 @@ def test_examples_are_copied_whole_or_not_at_all(tmp_path, capsys):
     for path in folder.glob("soft*"):
         path.unlink()
     capsys.readouterr()
-    assert main(["examples", str(folder)]) == 2
+    assert main(["new", "--examples", str(folder)]) == 2
     assert "tour.py" not in capsys.readouterr().out
     assert (folder / "tour.py").read_text() == "mine"
     assert not list(folder.glob("soft*"))
 
 
 @pytest.mark.parametrize(
-    ("line", "now"),
+    ("line", "said"),
     [
-        ("crosscheck --catalogue --floating", "python -m tests.proof robots"),
-        ("crosscheck --random 3", "python -m tests.proof robots --random N"),
-        ("compare --catalogue a b", "python -m tests.proof pairs DIR …"),
-        ("converge --closed-forms", "python -m tests.proof closed-forms"),
-        ("converge --peer --json -", "python -m tests.proof peer"),
+        ("new", "FILE: expected a TOML file, or --examples DIR, got neither"),
+        ("new a.toml --examples DIR", "FILE: expected a TOML file, or --examples DIR, got both"),
+        ("new a.toml --segments 2 4", "expected --converge to go with them"),
+        ("new a.toml --converge --out b.urdf", "--out: expected none: --converge writes no file"),
+        ("new --examples DIR --converge", "--converge: expected a FILE to go with it"),
+        ("new --examples DIR --out b.urdf", "--out: expected a FILE to go with it"),
     ],
 )
-def test_an_option_that_moved_names_the_new_command(line, now, capsys):
-    with pytest.raises(SystemExit) as stop:
-        main(line.split())
-    assert stop.value.code == 2
+def test_jobs_of_new_exclude_each_other(line, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(line.split()) == 2
     out, err = capsys.readouterr()
-    assert (out, err) == ("", f"error: argument {line.split()[1]}: now `{now}`\n")
+    assert out == ""
+    assert said in err
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
@@ -113,15 +115,6 @@ def test_what_begins_with_a_dash_is_not_always_an_option(capsys):
         assert "option:" not in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", sorted(MOVED))
-def test_an_old_spelling_names_the_new_one(name, capsys):
-    assert not set(MOVED) & set(NAMES)
-    spelt = name.replace("_", "-")
-    assert main([spelt, "--count", "3"]) == 2
-    out, err = capsys.readouterr()
-    assert (out, err) == ("", f"error: command: {spelt} is now {MOVED[name]}\n")
-
-
 @pytest.mark.parametrize(
     ("name", "message"),
     [("crosschek", "expected crosscheck?"), ("", "`softdyn` lists them"), ("os", "got os")],
@@ -138,11 +131,11 @@ def test_one_program_three_ways(tmp_path):
     entry = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]["softdyn"]
     assert entry == f"{softdyn_command.__name__}:main"
     outputs = []
-    for words in (["-m", "softdyn.commands", "examples"], [SCRIPTS / "examples.py"],
-                  ["-m", "softdyn.commands.examples"]):  # fmt: skip
+    for words in (["-m", "softdyn.commands", "new"], [SCRIPTS / "new.py"],
+                  ["-m", "softdyn.commands.new"]):  # fmt: skip
         folder = tmp_path / str(len(outputs))
         folder.mkdir()
-        command = [sys.executable, *words, "here"]
+        command = [sys.executable, *words, "--examples", "here"]
         done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
         assert done.returncode == 0, done.stderr
         outputs.append((done.stdout, {path.name for path in folder.rglob("*")}))

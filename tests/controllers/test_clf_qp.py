@@ -9,8 +9,8 @@ import scipy.optimize
 from softdyn import Reference
 from softdyn.controllers import ClfQp
 from softdyn.controllers.qps.least_norm import bounded_least_norm
-from softdyn.validation.paper.paper_qps import clf_qp, lyapunov, tip
-from softdyn.validation.paper.solvers import LeastNorm, Quadprog
+from tests.proof.paper.paper_qps import clf_qp, lyapunov, tip
+from tests.proof.paper.solvers import LeastNorm, Quadprog
 from tests.support.control_cases import BUNDLED, GAINS, MICRO, drawn, recorded, robot
 from tests.support.printed import printed
 

@@ -18,7 +18,6 @@ from softdyn import Ellipse, InputError, Reference, SetPoint, SoftdynError, Soft
 from softdyn.controllers import (
     BEYOND,
     CONTROLLERS,
-    Certified,
     Command,
     Gains,
     InputGuard,
@@ -33,7 +32,7 @@ from softdyn.controllers.schedule import tuned
 from softdyn.description import library as catalogue
 from tests.support.control_cases import BUNDLED, GAINS, MICRO, drawn, recorded, robot
 
-PATIENCE = 10.0  # s per call on a busy machine; a hang takes at least 25 s at every call
+PATIENCE = 10.0  # s of processor time per call; a hang takes at least 25 s at every call
 CLASSES = sorted(CONTROLLERS)
 HUGE, TINY = 1e300, 5e-324
 
@@ -53,11 +52,11 @@ def build(name: str, which: str):
 def ask(controller, model: SoftModel, state, reference) -> Command:
     """Make one call and check it: in time, silent, finite, in bounds, counted."""
     for _ in range(2):  # a first call may have to compile
-        before, began = controller.guard.fallbacks, time.perf_counter()
+        before, began = controller.guard.fallbacks, time.thread_time()
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             command = controller(state, reference)
-        elapsed = time.perf_counter() - began
+        elapsed = time.thread_time() - began
         if elapsed < PATIENCE:
             break
     assert elapsed < PATIENCE
@@ -268,15 +267,10 @@ def test_any_gains_keep_the_contract(name: str, gains: Gains) -> None:
             ask(controller, robot(which), state, reference)
 
 
-@pytest.mark.parametrize("name", [*CLASSES, "best", "mpc", "certified"])
+@pytest.mark.parametrize("name", [*CLASSES, "best", "mpc"])
 def test_the_guard_is_the_only_way_in(name: str) -> None:
     """With a State of another robot, compiled kernels would read beyond their arrays."""
-    if name == "mpc":
-        controller = BEYOND[name](robot("spirob"))
-    else:
-        controller = build("best" if name == "certified" else name, "spirob")
-    if name == "certified":
-        controller = Certified(controller)
+    controller = BEYOND[name](robot("spirob")) if name == "mpc" else build(name, "spirob")
     other, goal = drawn("finger")[4]
     parts = (*getattr(controller, "stages", ()), *vars(controller).values())
     for one in (controller, *(part for part in parts if isinstance(part, GuardedController))):

@@ -22,8 +22,8 @@ from softdyn.controllers.qps.task_qp import BACKOFF
 from softdyn.controllers.qps.tip_error import TipError
 from softdyn.dynamics.integrators import step_implicit
 from softdyn.validation import paper
-from softdyn.validation.paper.paper_qps import RANK_TOLERANCE, actuated_rows, ic_qp, id_clf_qp
-from softdyn.validation.paper.solvers import SolverAnswer, SymbolicQp, Term
+from tests.proof.paper.paper_qps import RANK_TOLERANCE, actuated_rows, ic_qp, id_clf_qp
+from tests.proof.paper.solvers import SolverAnswer, SymbolicQp, Term
 from tests.support.control_cases import (
     BUNDLED,
     GAINS,

@@ -9,7 +9,7 @@ from softdyn import Reference, State
 from softdyn.controllers import Impedance, UnderactuatedImpedance
 from softdyn.controllers.impedance import add_actuated, task_force
 from softdyn.controllers.qps.linear_algebra import row_space
-from softdyn.validation.paper.paper_qps import impedance, inputs, tip, underactuated
+from tests.proof.paper.paper_qps import impedance, inputs, tip, underactuated
 from tests.support.control_cases import BUNDLED, drawn, gains_of, recorded, robot
 
 LAWS = {"ic": Impedance, "uic": UnderactuatedImpedance}

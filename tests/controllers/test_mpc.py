@@ -356,3 +356,18 @@ def test_references_are_extrapolated() -> None:
     still = Mpc(model)(state, Reference(state.y)).u
     moving = Mpc(model)(state, Reference(state.y, ydot=np.array([0.0, 0.0, -0.5]))).u
     assert np.abs(moving - still).max() > 1e-3
+
+
+def test_a_tip_that_no_joint_moves_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(
+        '<robot name="arm"><link name="base"/><link name="arm"><inertial><origin xyz="0.1 0 0"/>'
+        '<mass value="0.3"/><inertia ixx="1e-4" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/>'
+        '</inertial></link><joint name="hinge" type="revolute"><parent link="base"/>'
+        '<child link="arm"/><axis xyz="0 1 0"/>'
+        '<limit lower="-3" upper="3" effort="9" velocity="9"/></joint><softdyn version="1">'
+        '<tendon name="t"><joint name="hinge" coef="1"/></tendon>'
+        '<actuator name="u" tendon="t" lower="-1" upper="1"/></softdyn></robot>'
+    )
+    with pytest.raises(InputError, match="some joint moves at q = 0, got 'arm'"):
+        Mpc(softdyn.load(path))

@@ -86,13 +86,10 @@ def test_what_cannot_be_built_is_one_line(own: str) -> None:
         make_controller(f"{own}:Broken", model)
 
 
-def test_errors_of_the_package_s_own_controllers_pass() -> None:
+def test_errors_of_running_code_pass() -> None:
     assert is_own("a/b.py:C")
     assert not is_own("best")
     with pytest.raises(ZeroDivisionError), one_line_errors("best", "a command"):
         raise ZeroDivisionError
-    with (
-        pytest.raises(InputError, match="C: expected a command, got ZeroDivisionError"),
-        one_line_errors("mine.py:C", "a command"),
-    ):
-        raise ZeroDivisionError
+    with pytest.raises(ZeroDivisionError), one_line_errors("mine.py:C", "a command"):
+        raise ZeroDivisionError  # here is a user's own code, so its traceback is shown

@@ -29,9 +29,9 @@ from softdyn.tasks import (
 )
 from softdyn.tasks.targets import exp3
 from softdyn.validation import simulate
-from softdyn.validation.paper import paper_qps
-from softdyn.validation.paper.paper_qps import TaskTerms
-from softdyn.validation.paper.solvers import LeastNorm, Quadprog, Unsolved, unknowns
+from tests.proof.paper import paper_qps
+from tests.proof.paper.paper_qps import TaskTerms
+from tests.proof.paper.solvers import LeastNorm, Quadprog, Unsolved, unknowns
 from tests.support.control_cases import drawn, gains_of, robot
 
 RIDGE = 1e-7  # of the proximal iteration on CLF-QP's semidefinite QP

@@ -30,7 +30,17 @@ from tests.support import ROOT, micro
 from tests.support.arms import EVERYTHING, THREE_SECTIONS
 from tests.support.misuses import ARM
 
-NOT_COMPARED = {"comment", "path", "overlay", "xml", "text", "annotations", "mended", "warnings"}
+NOT_COMPARED = {
+    "ignored",
+    "comment",
+    "path",
+    "overlay",
+    "xml",
+    "text",
+    "annotations",
+    "mended",
+    "warnings",
+}
 QUANTITIES = ("M", "bias", "K", "D", "B", "y", "J", "lengths")
 LOOKS = """\
 <robot name="looks">
@@ -56,7 +66,7 @@ LOOKS = """\
     <plugin><springReference>7</springReference></plugin>
     <springReference>0.5</springReference>
   </gazebo>
-  <gazebo><static>true</static></gazebo>
+  <gazebo><static>false</static></gazebo>
   <gazebo reference="arm"/>
 </robot>
 """

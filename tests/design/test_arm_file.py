@@ -172,3 +172,45 @@ def test_a_profile_is_looked_at_all_along_and_cables_go_outwards():
         else:
             with pytest.raises(InputError, match="a start and an end among the 3 sections"):
                 design.Arm(rods, cables=(cable,))
+
+
+def test_a_cable_that_meets_the_axis_bends_by_its_moment_along_the_rod(tmp_path):
+    """θ = T ∫ r cos α ds / EI: here r falls linearly to 0, and tan α is 8 mm over 200 mm."""
+    stiff, tension = 0.25e6 * math.pi / 4 * 0.01**4, 0.25
+    rod = design.Section(0.2, 0.01, RUBBER, 20)
+    expected = tension * 0.008 * 0.2 / 2 / math.hypot(1, 0.04) / stiff
+    assert expected == pytest.approx(0.10178, abs=5e-6)
+    for offset in ((0.008, 0.0), (0.0, 0.008), (0.004, 0.0, 0.004)):
+        cable = design.Cable(math.pi / 2, offset, False, 1.0)
+        model = loaded(design.Arm((rod,), cables=(cable,)), tmp_path)
+        q = model.state(model.q0, model.q0).B[:, 0] * tension / model.stiffness
+        bend = np.abs(q[["bend_z" in name for name in model.joint_names]]).sum()
+        assert np.abs(q).sum() == pytest.approx(bend, rel=1e-12)
+        if len(offset) == 2:
+            assert bend == pytest.approx(expected, rel=1e-9)
+        else:  # the same slope, half the offset; it meets the axis in the middle
+            assert bend == pytest.approx(expected / 2, rel=2e-2)
+
+
+def test_a_cable_on_the_axis_shortens_the_rod_and_bends_nothing(tmp_path):
+    rod = design.Section(0.2, 0.01, RUBBER, 5, freedoms=("bend_y", "bend_z", "extension"))
+    cable = design.Cable(0.0, 0.0, False, 1.0, name="central")
+    model = loaded(design.Arm((rod,), cables=(cable,)), tmp_path)
+    q = model.state(model.q0, model.q0).B[:, 0] / model.stiffness
+    bends = np.array(["bend" in name for name in model.joint_names])
+    assert not q[bends].any()
+    assert q.sum() == pytest.approx(-0.2 / (0.25e6 * math.pi * 0.01**2), rel=1e-12)
+    stays = design.Section(0.2, 0.01, RUBBER, 5)
+    with pytest.raises(InputError, match="cable 'central': expected an offset from the axis, or a"):
+        design.urdf(design.Arm((stays,), cables=(cable,)))
+    with pytest.raises(InputError, match="offset: expected a finite number >= 0"):
+        design.Cable(0.0, (0.008, -1e-9), False, 1.0)
+
+
+def test_a_straight_cable_along_the_axis_is_a_path_of_chords(tmp_path):
+    rod = design.Section(0.2, 0.01, RUBBER, 5, discs=5)
+    cable = design.Cable(0.0, 0.0, True, 1.0)
+    model = loaded(design.Arm((rod,), cables=(cable,)), tmp_path)
+    assert model.tendon_lengths(model.q0)[0] == pytest.approx(0.2, rel=1e-12)
+    assert not model.state(model.q0, model.q0).B.any()
+    assert model.tendon_lengths(model.q0 + 0.2)[0] < 0.2  # a bent axis, its chords are shorter

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from pathlib import Path
 
 import numpy as np
@@ -152,6 +153,97 @@ def test_a_massless_follower_moves_with_its_leader(tmp_path):
     with pytest.raises(UrdfError, match="a positive mass that the joint moves"):
         softdyn.load(write(tmp_path, light.replace('<mimic joint="a_lead" multiplier="-0.5" '
                                                    'offset="0.02"/>', "")))  # fmt: skip
+
+
+MASS = (
+    '<link name="{}"><inertial><mass value="{}"/><inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" '
+    'iyz="0" izz="{}"/></inertial></link>'
+)
+JOINT = (
+    '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><origin xyz="0 {} 0"/>'
+    '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="9" velocity="9"/>{}</joint>'
+)
+
+
+def slides(*mimics: str) -> str:
+    """Three masses of 1, 2 and 3 kg on vertical slides; the last two follow."""
+    parts = [
+        MASS.format(f"l{k}", k, 1e-3)
+        + JOINT.format(f"s{k}", "prismatic", "base", f"l{k}", k, mimic)
+        for k, mimic in zip((1, 2, 3), ("", *mimics), strict=True)
+    ]
+    return f'<robot name="slides"><link name="base"/>{"".join(parts)}</robot>'
+
+
+FIRST = '<mimic joint="s1" multiplier="2" offset="0.1"/>'
+
+
+def test_a_chain_of_followers_is_composed(tmp_path):
+    """q₃ = 0.5 (2 q₁ + 0.1): M = 1 + 4 · 2 + 3, g = (1 + 2 · 2 + 3) 9.81."""
+    chain = softdyn.load(write(tmp_path, slides(FIRST, '<mimic joint="s2" multiplier="0.5"/>')))
+    state = chain.state([0.2], [0.0])
+    np.testing.assert_allclose([state.M[0, 0], state.g[0]], [12.0, 8 * 9.81])
+    poses = chain.link_poses(np.array([0.2]))
+    assert [poses[f"l{k}"][2, 3] for k in (1, 2, 3)] == pytest.approx([0.2, 0.5, 0.25])
+    flat = parse(write(tmp_path, slides(FIRST, '<mimic joint="s1" offset="0.05"/>')))
+    assert flat == chain.robot
+    assert crosscheck(chain, samples=3).passed
+
+
+def test_the_file_may_state_a_chain_in_any_order(tmp_path):
+    """Here the first follower follows the second one, which the file states later."""
+    text = slides('<mimic joint="s3" multiplier="2"/>', '<mimic joint="s1" multiplier="-1"/>')
+    model = softdyn.load(write(tmp_path, text))
+    np.testing.assert_allclose(model.state([0.0], [0.0]).M, [[1 + 4 * 2 + 3]])
+    assert crosscheck(model, samples=3).passed
+
+
+def test_a_leader_may_be_beyond_its_follower(tmp_path):
+    """The first hinge follows the second: M = Sᵀ M_tree S with S = (2, 1)."""
+    parts = MASS.format("a", 1, 1e-3) + MASS.format("b", 2, 1e-3)
+    for name, parent, child, mimic in (
+        ("first", "base", "a", '<mimic joint="second" multiplier="2" offset="0.3"/>'),
+        ("second", "a", "b", ""),
+    ):
+        parts += JOINT.format(name, "revolute", parent, child, 0.2, mimic)
+    text = f'<robot name="two"><link name="base"/>{parts}</robot>'
+    text = text.replace('axis xyz="0 0 1"', 'axis xyz="1 0 0"')
+    model = softdyn.load(write(tmp_path, text))
+    assert crosscheck(model, samples=3).passed
+    assert model.joint_names == ("second",)
+    full = softdyn.load(write(tmp_path, re.sub("<mimic[^>]*>", "", text)))
+    S, q = np.array([2.0, 1.0]), 0.4
+    free, tied = full.state([2 * q + 0.3, q], [0.0, 0.0]), model.state([q], [0.0])
+    np.testing.assert_allclose(tied.M[0, 0], S @ free.M @ S, rtol=1e-12)
+    np.testing.assert_allclose(tied.g, [S @ free.g], rtol=1e-12)
+
+
+def test_continuous_joints_lead_and_follow(tmp_path):
+    """M = 0.001 + 2² · 0.002; the followers' poses do not depend on the leader's turns."""
+    parts = MASS.format("a", 0.1, 1e-3) + MASS.format("b", 0.1, 2e-3) + MASS.format("c", 0.1, 0)
+    for name, child, mimic in (
+        ("ja", "a", ""),
+        ("jb", "b", '<mimic joint="ja" multiplier="-2" offset="0.5"/>'),
+    ):
+        parts += JOINT.format(name, "continuous", "base", child, 0.2, mimic)
+    parts += JOINT.format("jc", "fixed", "b", "c", 0.1, "")
+    text = f'<robot name="gears"><link name="base"/>{parts}</robot>'
+    model = softdyn.load(write(tmp_path, text))
+    assert (model.nq, model.nv) == (2, 1)
+    moved = 0.1 * 0.1**2  # of the mass on the gear
+    for angle in (0.0, 2.0, 3.1, -3.1, 3.2):
+        q = model.configuration(np.array([angle]))
+        np.testing.assert_allclose(model.state(q, [0.0]).M, [[0.009 + 4 * moved]])
+        turn = -2 * angle + 0.5
+        at = model.link_poses(q)["c"][:2, 3] - [0, 0.2]
+        assert at == pytest.approx([-0.1 * np.sin(turn), 0.1 * np.cos(turn)])
+    q, still = model.integrate(model.configuration([3.1]), np.array([0.2])), np.zeros(1)
+    assert model.coordinates(q) == pytest.approx(3.3 - 2 * np.pi)
+    twin = Twin(model)
+    assert StateMap(model, twin).to_twin(q, still)[0] == pytest.approx(
+        [3.3 - 2 * np.pi, -2 * (3.3 - 2 * np.pi) + 0.5]
+    )
+    assert crosscheck(model, samples=3).passed
 
 
 def test_a_model_of_the_tree_alone_is_refused(tmp_path):

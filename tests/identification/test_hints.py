@@ -6,9 +6,14 @@ import json
 
 import numpy as np
 import pytest
+from scipy.optimize import root
 
+from softdyn import InputError, identification, statics
 from softdyn.commands import identify as command
 from softdyn.identification import DesignFile, Measurements, measured_outputs
+from softdyn.identification.hints import left_out
+from softdyn.identification.markers.camera import MarkerView
+from softdyn.identification.problem import Acquisition
 from softdyn.identification.rests import Inputs, rests
 from softdyn.identification.trajectory import Start, follow
 from softdyn.identification.unknowns.kinds import Around
@@ -25,17 +30,37 @@ def tried(capsys, *words):
     return {one["extension"]: one for one in report["hints"]}, report
 
 
-@pytest.mark.parametrize("lacking", ["cable_friction", "offset"])
+def stiffer(model, u):
+    """Equilibria (N, n) with springs whose stiffness grows by 15 e² at the deflection e."""
+
+    def residual(q, row):
+        state = model.state(model.configuration(q), np.zeros(model.nv))
+        return state.K + state.bias - state.B @ row + 15 * model.stiffness * q**3
+
+    begin = [model.coordinates(statics.settle(model, row).q) for row in u]
+    found = [root(residual, q, row) for q, row in zip(begin, u, strict=True)]
+    assert all(one.success for one in found)
+    return np.array([one.x for one in found])
+
+
+STRAIN = "a stiffness that depends on strain"
+
+
+@pytest.mark.parametrize("lacking", ["cable_friction", "offset", STRAIN])
 def test_static_rows(tmp_path, capsys, lacking):
     (tmp_path / "points.toml").write_text(POINTS)
     text = ARM.replace("max_tension", "friction = 0.15\nmax_tension")
-    text = text if lacking == "cable_friction" else ARM.replace("[9, 6.0]", "[7.5, 5.0]")
+    if lacking != "cable_friction":
+        text = ARM.replace("[9, 6.0]", "[7.5, 5.0]") if lacking == "offset" else ARM
     (tmp_path / "true.toml").write_text(text)
     (tmp_path / "arm.toml").write_text(ARM)
     true = DesignFile(tmp_path / "true.toml", tmp_path / "points.toml").model
     rng, u = np.random.default_rng(5), np.r_[np.linspace(0.3, 5, 6), np.linspace(4, 0.3, 6)]
     u = u[:, None] * [1, 0.4, 0]
-    path, _ = rests(true, (), Inputs(u, np.zeros(3)), Around(true))
+    if lacking == STRAIN:
+        path = stiffer(true, u)
+    else:
+        path, _ = rests(true, (), Inputs(u, np.zeros(3)), Around(true))
     out = measured_outputs(true, NAMES, path, np.zeros((*path.shape, 0)))[0]
     out += 3e-4 * rng.normal(size=out.shape)
     data = written(tmp_path / "d.csv", true, u, NAMES, out)
@@ -50,7 +75,7 @@ def test_static_rows(tmp_path, capsys, lacking):
         capsys, *words, "--free", "youngs_modulus", "--hold-out", "0", "--folds", "2"
     )
     assert hints.keys() == {
-        "a stiffness that depends on strain", "cable_friction", "input_loss", "offset",
+        STRAIN, "cable_friction", "input_loss", "offset",
     }  # fmt: skip
     before = {one["before"] for one in hints.values()}
     assert len(before) == 1
@@ -79,3 +104,22 @@ def test_dry_friction_of_a_motion(tmp_path, capsys):
     friction = hints["friction"]
     assert friction["after"] < 0.7 * friction["before"]
     assert friction["before"] == report["rms_held_out"]
+
+
+def test_rows_left_out_and_refusals(tmp_path):
+    (tmp_path / "arm.toml").write_text(ARM)
+    (tmp_path / "points.toml").write_text(POINTS)
+    made = DesignFile(tmp_path / "arm.toml", tmp_path / "points.toml")
+    model, rng = made.model, np.random.default_rng(4)
+    u = rng.uniform(0, 4, (9, 3)) * (rng.uniform(size=(9, 3)) < 0.6)
+    path, _ = rests(model, (), Inputs(u, np.zeros(3)), Around(model))
+    out = measured_outputs(model, NAMES, path, np.zeros((*path.shape, 0)))[0]
+    data = Measurements(np.arange(9.0), u, NAMES, out + 3e-4 * rng.normal(size=out.shape))
+    taken = Acquisition(True, MarkerView.of(NAMES))
+    unknowns = made.unknowns(["youngs_modulus"])
+    found = identification.identify(model, data, unknowns, hold_out=0.0, taken=taken)
+    residuals = left_out(found.fit, 3)
+    assert np.isfinite(residuals).all()
+    assert 0.8 < np.sqrt((residuals**2).mean() / (found.residuals**2).mean()) < 1.6
+    with pytest.raises(InputError, match="2 to 9 parts of static rows, 4 or more, got 10"):
+        left_out(found.fit, 10)

@@ -66,6 +66,16 @@ def test_outputs_in_the_camera_s_frame_and_their_derivatives(finger, tmp_path):
     assert out[-1] == pytest.approx(tip[0])  # a lone coordinate stays in the world
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_a_camera_never_mirrors_points_of_a_plane(seed):
+    """The third singular direction of such points has no sign of its own."""
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(5, 3)) * [1, 1, 0] @ pin.exp3(rng.normal(size=3)).T
+    camera = np.concatenate((rng.normal(size=3), rng.uniform(-1, 1, 3)))
+    noisy = seen_at(camera, points) + 1e-6 * rng.normal(size=(5, 3))
+    np.testing.assert_allclose(kabsch(points, noisy), camera, atol=2e-5)
+
+
 def test_a_camera_from_points():
     rng = np.random.default_rng(2)
     points, camera = rng.normal(size=(9, 3)), rng.normal(size=6)

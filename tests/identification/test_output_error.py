@@ -315,8 +315,6 @@ def test_what_scales_together_is_named(finger):
     found = identification.identify(finger, data, [*several, *mass])
     assert len(found.unidentifiable) == 1
     assert "together with" in found.unidentifiable[0]
-    with pytest.warns(DeprecationWarning, match="unidentifiable"):
-        assert found.vague == found.unidentifiable
     assert sum(not one.identified for one in found.estimates) == 1
     assert "NOT IDENTIFIED" in str(found)
 

@@ -12,9 +12,13 @@ of them.
 - `poses`: predictive control at poses, with the figures of docs/tasks.md;
 - `twins`: identifications of twins, with the figures of the documents;
 - `closed_forms`, `peer`, `rods`: chains of joints against theory and against SoRoMoX;
+- `identification`: fits by MuJoCo's own identification of the same data;
 - `textbook`, `laws`: every controller against the paper's QPs as printed;
-- `compare_steps`, `scaling`, `timing`: step times compared with another checkout, and by the size
-  of a robot;
-- `scenes`, `safety`: arms among obstacles, judged by MuJoCo's distances;
+- `paper`, `reproduce`, `certify`: these QPs, an emulation of the paper's program, and V along the
+  paper's runs;
+- `step_time`, `hostile`, `observer_time`, `throughput`, `live_time`, `timing`: times of ordinary
+  steps, of steps under hostile numbers, of observers, of closed loops, and with live pages;
+- `compare_steps`, `scaling`: step times compared with another checkout, and by the size of a robot;
+- `scenes`, `obstacle`, `safety`: arms among obstacles, judged by MuJoCo's distances;
 - `estimates`: forces that the observer estimates.
 """

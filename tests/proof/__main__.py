@@ -8,26 +8,30 @@ import sys
 from softdyn.commands import cli
 
 PROGRAMS = (
-    "fuzz", "robots", "pairs", "planted", "textbook", "closed_forms", "peer", "field",
-    "compare_steps", "scaling", "twins", "poses", "scenes", "estimates.forces", "tables",
-    "pictures",
+    "fuzz", "robots", "pairs", "planted", "textbook", "reproduce", "certify",
+    "closed_forms", "peer", "field", "identification.second_opinion", "twins",
+    "step_time", "hostile", "throughput", "observer_time", "live_time", "compare_steps", "scaling",
+    "poses", "scenes", "obstacle", "estimates.forces", "tables", "pictures",
 )  # fmt: skip
+
+# a program's name → its module
+PLACES = {place.split(".")[-1]: f"tests.proof.{place}" for place in PROGRAMS}
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run one program, or list them; returns the exit code."""
+    cli.one_thread()  # before a program imports NumPy
     name, *rest = (sys.argv[1:] if argv is None else argv) or ["--help"]
-    places = {place.split(".")[-1]: f"tests.proof.{place}" for place in PROGRAMS}
     if name in ("-h", "--help"):
         print("usage: python -m tests.proof NAME …\n")
-        for known, place in places.items():
+        for known, place in PLACES.items():
             about = importlib.import_module(place).__doc__ or ""
             print(f"  {known.replace('_', '-'):15}{about.splitlines()[0]}")
         return cli.PASSED
-    if name.replace("-", "_") not in places:
-        print(f"error: program: expected one of {', '.join(places)}, got {name}", file=sys.stderr)
+    if name.replace("-", "_") not in PLACES:
+        print(f"error: program: expected one of {', '.join(PLACES)}, got {name}", file=sys.stderr)
         return cli.BAD_INPUT
-    module = importlib.import_module(places[name.replace("-", "_")])
+    module = importlib.import_module(PLACES[name.replace("-", "_")])
     module.parser.prog = f"python -m tests.proof {name}"
     code: int = module.main(rest)
     return code

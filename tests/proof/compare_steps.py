@@ -38,8 +38,8 @@ def command(arguments: cli.Arguments) -> int:
 
     import softdyn
     from softdyn.controllers import find_controller
-    from softdyn.validation.timing.recording import recorded
     from tests.proof.timing.comparison import compare, comparison_table
+    from tests.proof.timing.recording import recorded
 
     cli.make_folder(arguments.out / "states")
     folder, make = arguments.out / "states", find_controller(DRIVER)

@@ -73,18 +73,19 @@ RUN = {
     "replay": ("log.npz --html page.html --labels one",),
     "compare": ("arm.urdf arm.urdf --samples 2 --json out.json",),
     "export": ("arm.urdf --mjcf out.xml --json out.json",),
-    "new": ("arm.toml --out new.urdf --json out.json",),
+    "new": (
+        "arm.toml --out new.urdf --json out.json",
+        "arm.toml --converge --segments 2 3 --json out.json",
+    ),
 }
 READ = {
     "run": "finger best --theta 0 --view --port 7000 --speed 2",
     "play": "finger best --port 7000 --no-open",
     "view": "finger --html page.html --port 7000",
-    "obstacle": "finger --theta 0.5 --duration 1 --limits --runs 2 --seed 1 --json out.json",
     "sweep": "robustness --robots finger helix --controllers best --period 0.01 --jobs 2 "
     "--out folder --dry-run --ensemble 3 --seed 2 --keep kept.json --json out.json",
     "benchmark": "--robots finger --controllers ic uic --theta 0 1 --omega 0.1 --jobs 2",
-    "reproduce": "exact stale --robots finger --out folder --json out.json",
-    "step_time": "--robots finger --controllers ic --states 10 --no-stack --json out.json",
+    "step_time": "finger ic --theta 0.5 --seconds 0.1 --json out.json",
 }
 ADDED = (
     "--theta", "--target", "--duration", "--period", "--seed", "--samples", "--floating", "--json",

@@ -12,8 +12,8 @@ from softdyn.commands import cli
 EPILOG = """\
 The robots are the helix and docs/examples/three_sections.toml. Each target is a stable equilibrium
 that `statics` finds again from the target alone, or a pair of values of two equilibria that none
-holds. The figures go to validation/studies/measured/poses.json; then `python -m tests.proof tables`
-writes the table. All cases take a quarter of an hour.
+holds. The figures go to tests/proof/documents/measured/poses.json; then
+`python -m tests.proof tables` writes the table. All cases take a quarter of an hour.
 
 exit codes: 0 done; 2 bad input.
 """
@@ -35,7 +35,7 @@ def command(arguments: cli.Arguments) -> int:
     """Run the targets of each case; its rows are written when it is done."""
     from softdyn import InputError
     from softdyn.validation.files import read_json, write_json
-    from softdyn.validation.studies.benchmark import MEASURED
+    from tests.proof.documents.settings import MEASURED
 
     path = MEASURED / "poses.json"
     for case in arguments.cases or CASES:

@@ -25,8 +25,8 @@ def command(arguments: cli.Arguments) -> int:
     from tqdm import tqdm
 
     from softdyn.validation.tables import Table
-    from softdyn.validation.timing.step_report import STEP
     from tests.proof.timing import growth, step_scaling
+    from tests.proof.timing.step_report import STEP
 
     columns = (
         ("n", "n", ""),

@@ -8,8 +8,8 @@ from softdyn.commands import cli
 
 EPILOG = """\
 A table lies between <!-- table NAME: written by tests/proof/tables.py --> and
-<!-- end of NAME -->; its figures are in validation/studies/measured, made by the commands that
-the documents name.
+<!-- end of NAME -->. Its figures are in tests/proof/documents/measured, those of the paper's table
+in validation/studies/measured. The documents name the commands that made them.
 
 exit codes: 0 all tables are as they should be, or are written; 1 with --check, some are not;
 2 bad input.

@@ -38,7 +38,7 @@ CASES = (
 )
 EPILOG = """\
 CASE is a command line of `softdyn identify`, quoted. Its figures take the place of earlier ones of
-the same CASE in validation/studies/measured/identification.json; then
+the same CASE in tests/proof/documents/measured/identification.json; then
 `python -m tests.proof tables` writes the table. All cases take hours.
 
 exit codes: 0 done; 2 bad input.
@@ -52,7 +52,7 @@ def command(arguments: cli.Arguments) -> int:
     """Run the cases; each is written when it is done."""
     from softdyn import InputError
     from softdyn.validation.files import read_json, write_json
-    from softdyn.validation.studies.benchmark import MEASURED
+    from tests.proof.documents.settings import MEASURED
 
     path = MEASURED / "identification.json"
     for case in arguments.cases or CASES:

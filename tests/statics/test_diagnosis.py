@@ -145,15 +145,34 @@ def test_where_the_robot_rests_is_said(tmp_path: Path) -> None:
     found, there = diagnose(model, 1).to_dict()["equilibrium"], rest(model)
     assert abs(there.y[0]) > 0.1  # it falls to one side
     np.testing.assert_allclose(found["tip"], there.y)
-    unheld = (
+    # a slide without a spring falls to its limit
+    slide = (
         links(1, False, STIFFNESS)
         .replace('"revolute"', '"prismatic"')
         .replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 1"/>')
         .replace("stiffness", "friction")
     )
-    found = diagnose(load(tmp_path, unheld), 1)
+    found = diagnose(load(tmp_path, slide), 1)
+    there = found.to_dict()["equilibrium"]
+    assert there["stable"]
+    assert there["tip"] == pytest.approx([0.0, 0.0, -3.0])
+
+
+def test_not_all_is_well_with_a_robot_that_nothing_stops(tmp_path: Path) -> None:
+    wheel = (
+        links(1, False, STIFFNESS, actuated=(1,))
+        .replace('"revolute"', '"continuous"')
+        .replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 1"/>')
+        .replace(f' stiffness="{STIFFNESS}"', ' friction="0"')
+        .replace('iyy="0"', 'iyy="1e-3"')
+        .replace('ixx="0"', 'ixx="1e-3"')
+        .replace('izz="0"', 'izz="1e-3"')
+        .replace('lower="-1" upper="1"/>', 'lower="0.5" upper="1"/>')
+    )
+    found = diagnose(load(tmp_path, wheel), 1)
     assert found.to_dict()["equilibrium"] is None
-    assert "no equilibrium was found" in str(found)
+    assert "NO equilibrium was found" in str(found)
+    assert "nothing looks wrong" not in str(found)
 
 
 def test_joints_without_limits_are_tried_half_a_turn_either_way() -> None:
@@ -209,6 +228,26 @@ def test_how_dense_a_body_may_be(tmp_path: Path) -> None:
         start, end = text.index("<mass"), text.index("</inertial>")
         path.write_text(text[:start] + ball.format(mass, *[moment] * 3) + text[end:])
         assert any("kg/m³" in found for found in suspicious_values(parse(path))) is wrong, density
+
+
+def test_a_robot_whose_tip_is_its_only_joint_has_no_length(tmp_path: Path) -> None:
+    """The body's centre tells its size, so that its inertia is not called too wide."""
+    path = tmp_path / "one.urdf"
+    text = (
+        '<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 {}"/>'
+        '<mass value="0.2"/><inertia ixx="{}" iyy="{}" izz="{}" ixy="0" ixz="0" iyz="0"/>'
+        '</inertial></link><joint name="hinge" type="revolute"><parent link="base"/>'
+        '<child link="arm"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
+    for com, moment in ((-0.1, 1e-4), (0, 1e-4)):
+        path.write_text(text.format(com, *[moment] * 3))
+        (line,) = suspicious_values(parse(path))
+        assert line.startswith("the tip 'arm' sits at the base, no joint offset is on the way")
+    path.write_text(text.format(-0.1, *[0.2] * 3))
+    assert any("the robot is 0.1 m long" in line for line in suspicious_values(parse(path)))
+    path.write_text(text.format(-100, *[1e-4] * 3))
+    assert any("100 m away from its joint" in line for line in suspicious_values(parse(path)))
 
 
 @pytest.mark.parametrize("name", softdyn.bundled_names())

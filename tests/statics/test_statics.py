@@ -383,3 +383,75 @@ def test_cables_that_pull_against_one_another_leave_a_rest() -> None:
     rest = statics.settle(model, np.full(model.nu, 0.3))
     assert rest.stable
     np.testing.assert_allclose(rest.y[:2], 0.0, atol=1e-9)
+
+
+# -- joints without any stiffness at q = 0 -------------------------------------------------------
+
+BODY = '<inertial><origin xyz="{x} 0 0"/><mass value="{mass}"/>{moments}</inertial>'
+MOMENTS = '<inertia ixx="1e-4" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/>'
+# an arm of 0.2 m that leaves its joint horizontally, and a load of 0.2 kg on a winch
+BARE_ARM = f"""<robot name="arm"><link name="base"/>
+<link name="arm">{BODY.format(x=0.1, mass=0.3, moments=MOMENTS)}</link><link name="tip"/>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="9" velocity="9"/><dynamics damping="0.01"/></joint>
+<joint name="end" type="fixed"><parent link="arm"/><child link="tip"/>
+<origin xyz="0.2 0 0"/></joint>
+<softdyn version="1"><tendon name="t"><joint name="hinge" coef="1"/></tendon>
+<actuator name="u" tendon="t" lower="-1" upper="1"/><task frame="tip"/></softdyn></robot>"""
+HOIST = f"""<robot name="hoist"><link name="beam"/>
+<link name="load">{BODY.format(x=0, mass=0.2, moments=MOMENTS)}</link>
+<joint name="drop" type="prismatic"><parent link="beam"/><child link="load"/><axis xyz="0 0 -1"/>
+<limit lower="-0.2" upper="0.4" effort="9" velocity="9"/><dynamics damping="3"/></joint>
+<softdyn version="1"><tendon name="t"><joint name="drop" coef="1"/></tendon>
+<actuator name="u" tendon="t" gear="-1" lower="0" upper="30"/></softdyn></robot>"""
+
+
+def written(tmp_path, text: str) -> SoftModel:
+    path = tmp_path / "robot.urdf"
+    path.write_text(text)
+    return softdyn.load(path)
+
+
+@pytest.mark.parametrize("u", [0.0, 0.1, -0.2])
+def test_a_bare_arm_falls_from_the_horizontal(tmp_path, u):
+    """-m g r cos q = u, with the slope m g r sin q, which is zero at the start."""
+    model, weight = written(tmp_path, BARE_ARM), 0.3 * G * 0.1
+    found, _ = statics.ramp(model, [u])
+    angle = np.arccos(-u / weight)
+    assert found.q == pytest.approx([angle])
+    assert found.y == pytest.approx([0.2 * np.cos(angle), 0.0, -0.2 * np.sin(angle)])
+    assert found.eigenvalues == pytest.approx([weight * np.sin(angle)])
+    assert (found.stable, found.neutral) == (True, False)
+
+
+@pytest.mark.parametrize(("u", "place", "firmness"), [
+    (0.0, 0.4, "stable"), (1.9, 0.4, "stable"), (0.2 * G, 0.1, "neutral"), (2.0, -0.2, "stable"),
+])  # fmt: skip
+def test_a_hoist_rests_at_its_stops_or_anywhere(tmp_path, u, place, firmness):
+    found = statics.settle(written(tmp_path, HOIST), [u], [0.1])
+    assert found.q == pytest.approx([place])
+    assert found.firmness == firmness
+    assert found.limit_forces == pytest.approx([u - 0.2 * G])
+    assert np.isnan(found.tip_compliance).all() == (firmness == "neutral")
+
+
+def test_a_hoist_is_held_at_any_height(tmp_path):
+    model, target = written(tmp_path, HOIST), np.array([0.0, 0.0, -0.25])
+    search = statics.inputs_for_tip(model, target, shapes=2)
+    assert search.distance(search.nearest) < 1e-6
+    assert search.nearest.u == pytest.approx([0.2 * G])
+    assert search.nearest.neutral
+
+
+def test_two_bare_slides_have_no_stiffness_but_rounding(tmp_path):
+    """Pinocchio's gravity gradients of slides on turned links are rounding, of either sign."""
+    text = HOIST.replace('<axis xyz="0 0 -1"/>', '<axis xyz="0.6 0 -0.8"/>').replace(
+        '<link name="beam"/>',
+        f'<link name="wall"/><link name="beam">{BODY.format(x=0.3, mass=1, moments=MOMENTS)}</link>'
+        '<joint name="lift" type="prismatic"><parent link="wall"/><child link="beam"/>'
+        '<origin xyz="0 0 0" rpy="0.3 0.2 0.1"/><axis xyz="0.48 0.64 0.6"/>'
+        '<limit lower="-1" upper="1" effort="9" velocity="9"/></joint>',
+    )
+    found = statics.rest(written(tmp_path, text))
+    assert found.held.all()
+    assert found.residual < 1e-9

@@ -1,10 +1,14 @@
-"""Run a command as `softdyn NAME …`, in this process, because a new one takes seconds to start."""
+"""Run a command as `softdyn NAME …` or `python -m tests.proof NAME …`, in this process.
+
+A new process takes seconds to start.
+"""
 
 from __future__ import annotations
 
 import io
+import signal
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import NamedTuple
@@ -12,6 +16,7 @@ from unittest.mock import patch
 
 from softdyn.commands import __main__ as softdyn
 from softdyn.commands import cli
+from tests.proof import __main__ as programs
 
 
 class Done(NamedTuple):
@@ -29,7 +34,11 @@ def left_as_it_was() -> Iterator[None]:
         patch.object(cli, "one_thread"),
         patch.object(warnings, "formatwarning", warnings.formatwarning),
     ):
-        yield
+        hears = signal.getsignal(signal.SIGINT)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, hears)
 
 
 def of_itself(err: str) -> str:
@@ -41,10 +50,19 @@ def of_itself(err: str) -> str:
 
 def command(*words: object, cwd: Path | str = ".") -> Done:
     """Run a command in the folder `cwd`."""
+    return _run(softdyn.main, words, cwd)
+
+
+def proof(*words: object, cwd: Path | str = ".") -> Done:
+    """Run a program of the proof in the folder `cwd`."""
+    return _run(programs.main, words, cwd)
+
+
+def _run(main: Callable[[list[str]], int], words: Sequence[object], cwd: Path | str) -> Done:
     out, err = io.StringIO(), io.StringIO()
     with chdir(cwd), left_as_it_was(), redirect_stdout(out), redirect_stderr(err):
         try:
-            code = softdyn.main([str(word) for word in words])
+            code = main([str(word) for word in words])
         except SystemExit as stop:
             code = int(stop.code or 0)
     return Done(code, out.getvalue(), err.getvalue())

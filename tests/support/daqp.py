@@ -5,7 +5,7 @@ from __future__ import annotations
 import daqp
 import numpy as np
 
-from softdyn.validation.paper.solvers import (
+from tests.proof.paper.solvers import (
     SolverAnswer,
     SymbolicQp,
     Unsolved,

@@ -209,14 +209,29 @@ TREE = [
     Misuse("planar joint", ('type="prismatic"', 'type="planar"'), '<joint name="slide">',
            "type revolute, continuous, prismatic or fixed", "'planar'", row=False),
     Misuse("mimic of an unknown joint", mimic('<mimic joint="thumb"/>'),
-           '<joint name="slide">', "joint that follows no other", "'thumb'"),
-    Misuse("mimic of a mimic joint, or of itself", mimic('<mimic joint="slide"/>'),
-           '<joint name="slide">', "joint that follows no other", "mimic joint 'slide'"),
-    Misuse("mimic of a joint without a position", mimic('<mimic joint="spin"/>'),
-           '<joint name="slide">', "a revolute or prismatic joint", "continuous joint 'spin'"),
+           '<joint name="slide">', "in <mimic> the name of a joint that moves", "'thumb'"),
     Misuse("mimic of a fixed joint", mimic('<mimic joint="glue"/>'),
-           '<joint name="slide">', "a revolute or prismatic joint", "fixed joint 'glue'",
-           row=False),
+           '<joint name="slide">', "in <mimic> the name of a joint that moves",
+           "fixed joint 'glue'"),
+    Misuse("mimic of itself", mimic('<mimic joint="slide"/>'), '<joint name="slide">',
+           "in <mimic> a leader that does not follow its own follower",
+           "a cycle: slide follows slide", row=False),
+    Misuse("mimics in a cycle", ARM.replace(*mimic('<mimic joint="spin"/>')).replace(
+           SPIN, SPIN.replace("</joint>", '<mimic joint="slide"/></joint>')),
+           '<joint name="slide">', "in <mimic> a leader that does not follow its own follower",
+           "a cycle: slide follows spin follows slide"),
+    Misuse("mimic of an ambiguous position", mimic('<mimic joint="spin" multiplier="2"/>'),
+           '<joint name="slide">', "a follower of continuous joint 'spin', whose angle is",
+           "a prismatic one with multiplier 2"),
+    Misuse("mimic of half an angle", ARM.replace('type="prismatic"', 'type="continuous"').replace(
+           *mimic('<mimic joint="spin" multiplier="0.5"/>')), '<joint name="slide">',
+           "turns only, that is continuous with a whole multiplier; or a leader of type",
+           "a continuous one with multiplier 0.5", row=False),
+    Misuse("mimic beyond all numbers", ARM.replace(
+           *mimic('<mimic joint="spin" multiplier="1e40"/>')).replace(
+           SPIN, SPIN.replace("</joint>", '<mimic joint="bend" multiplier="1e20"/></joint>')),
+           '<joint name="slide">', "a multiplier and an offset within ±1e+50",
+           "1e+60 and 0 along slide, spin, bend", row=False),
     Misuse("unknown attribute of a mimic", mimic('<mimic joint="bend" ratio="2"/>'),
            '<joint name="slide"><mimic>', "no attribute but joint, multiplier, offset", "ratio"),
     Misuse("a multiplier that is no number", mimic('<mimic joint="bend" multiplier="x"/>'),
@@ -380,7 +395,7 @@ BLOCK = [
     Misuse("unknown element in the block", inside('<spring name="bend"/>'),
            '<softdyn><spring name="bend">',
            "<joint> or <tendon> or <actuator> or <sensor> or <task>", "<spring>"),
-    Misuse("foreign element in the block", inside('<x:a xmlns:x="u"/>'), "<softdyn><{u}a>",
+    Misuse("foreign element in the block", inside('<x:a xmlns:x="u"/>'), "<softdyn><x:a>",
            "<joint> or <tendon> or <actuator> or <sensor> or <task>", "<{u}a>", row=False),
     Misuse("unknown element in a tendon", (COEF, f"{COEF}<pulley/>"),
            f"<softdyn>{FLEXOR}<pulley>", "<joint> or <site>", "<pulley>", row=False),
@@ -662,9 +677,99 @@ STRAYS = [
     Misuse("block in the wrong place", beside('<gazebo><softdyn version="1"/></gazebo>'),
            "<softdyn>", "<softdyn> right inside <robot>", "inside <gazebo>"),
 ]  # fmt: skip
+DRAKE = 'xmlns:drake="http://drake.mit.edu"'
+A_TREE = "a tree of <joint>s, some of which may follow others by <mimic>"
+A_SPRING, A_DAMPER = "springs as <springStiffness>", 'dampers as <dynamics damping="…">'
+WEIGHT, A_MASS = "gravity of 9.81 m/s² along -z on every link", "masses in <inertial>"
+A_FORCE, A_PART = "forces as <tendon> and <actuator>", "all links and joints right inside <robot>"
+ROTOR = f"""\
+  <transmission {DRAKE} name="t"><joint name="bend"/><actuator name="m">
+    <drake:gear_ratio value="10"/>
+    <drake:rotor_inertia value="0.001"/></actuator></transmission>"""
+PAD = '<gazebo reference="pad">'
+
+
+def gazebo(inside: str, reference: str = ' reference="pad"') -> tuple[str, str]:
+    """Insert an element for Gazebo."""
+    return beside(f"<gazebo{reference}>{inside}</gazebo>")
+
+
+OTHERS = [
+    Misuse("constraint between two links", beside(
+           '<constraint name="c"><parent link="base"/><child link="pad"/></constraint>'),
+           '<constraint name="c">', A_TREE, "<constraint>: write it so, or remove it"),
+    Misuse("loop", beside('<loop_joint name="l" type="ball"/>'), '<loop_joint name="l">', A_TREE,
+           "<loop_joint>"),
+    Misuse("element between two parts, of any name", beside('<four_bar a="base" b="pad"/>'),
+           "<four_bar>", A_TREE, "<four_bar>"),
+    Misuse("element that holds a joint", beside('<arm><virtual_joint name="v"/></arm>'), "<arm>",
+           A_TREE, "<arm> with 'virtual_joint'", row=False),
+    Misuse("joint of Gazebo", gazebo('<joint name="x" type="revolute"/>', ""),
+           '<gazebo><joint name="x">', A_TREE, "<joint>"),
+    Misuse("link of Gazebo", gazebo('<link name="x"/>', ""), '<gazebo><link name="x">', A_PART,
+           "<link>", row=False),
+    Misuse("included model", gazebo("<include><uri>model://x</uri></include>", ""),
+           "<gazebo><include>", A_PART, "<include>", row=False),
+    Misuse("joint of Drake", beside(f'<drake:joint {DRAKE} name="x" type="ball"/>'),
+           '<drake:joint name="x">', A_TREE, "<drake:joint>"),
+    Misuse("bushing of Drake", beside(f"<drake:linear_bushing_rpy {DRAKE}/>"),
+           "<drake:linear_bushing_rpy>", A_SPRING, "<drake:linear_bushing_rpy>", row=False),
+    Misuse("spring by another name", beside('<spring joint="bend" k="3"/>'), "<spring>", A_SPRING,
+           "<spring>"),
+    Misuse("spring of a joint of Gazebo", gazebo(
+           "<axis><dynamics><spring_stiffness>3</spring_stiffness></dynamics></axis>"),
+           f"{PAD}<axis>", A_SPRING, "<axis> with 'spring_stiffness'", row=False),
+    Misuse("spring as an attribute", number('0.02" spring_constant="3'),
+           '<joint name="bend"><dynamics>', A_SPRING, 'spring_constant="3"'),
+    Misuse("spring as one letter", number('0.02" K="3'), '<joint name="bend"><dynamics>', A_SPRING,
+           'K="3"', row=False),
+    Misuse("damping by another name", number('0.02" viscous="3'),
+           '<joint name="bend"><dynamics>', A_DAMPER, 'viscous="3"'),
+    Misuse("damping of a link", gazebo("<dampingFactor>0.1</dampingFactor>"),
+           f"{PAD}<dampingFactor>", A_DAMPER, "<dampingFactor> '0.1'"),
+    Misuse("decay of a link's velocity", gazebo(
+           "<velocity_decay><linear>0.1</linear></velocity_decay>"), f"{PAD}<velocity_decay>",
+           A_DAMPER, "<velocity_decay>", row=False),
+    Misuse("link without gravity", gazebo("<gravity>0</gravity>"), f"{PAD}<gravity>", WEIGHT,
+           "<gravity> '0'"),
+    Misuse("gravity turned off", gazebo('<turnGravityOff value="true"/>'),
+           f"{PAD}<turnGravityOff>", WEIGHT, "<turnGravityOff> 'true'"),
+    Misuse("another gravity", beside('<mujoco><option gravity="0 0 -1.6"/></mujoco>'),
+           "<mujoco><option>", WEIGHT, 'gravity="0 0 -1.6"'),
+    Misuse("gravity that MuJoCo turns off", beside(
+           '<mujoco><option><flag gravity="disable"/></option></mujoco>'),
+           "<mujoco><option><flag>", WEIGHT, 'gravity="disable"', row=False),
+    Misuse("link that cannot move", gazebo("<kinematic>true</kinematic>"), f"{PAD}<kinematic>",
+           "links that move as their joints let them", "<kinematic> 'true'"),
+    Misuse("robot that Gazebo turns", gazebo("<pose>0 0 1 0 1.5 0</pose>", ""), "<gazebo><pose>",
+           A_PART, "<pose> '0 0 1 0 1.5 0'", row=False),
+    Misuse("mass of Gazebo", gazebo("<inertial><mass>3</mass></inertial>"), f"{PAD}<inertial>",
+           A_MASS, "<inertial>"),
+    Misuse("scaled inertia", ('<link name="base"/>', '<link name="base"><contact>'
+           '<inertia_scaling value="3"/></contact></link>'), '<link name="base"><contact>', A_MASS,
+           "<contact>", row=False),
+    Misuse("least mass of MuJoCo", beside('<mujoco><compiler boundmass="0.1"/></mujoco>'),
+           "<mujoco><compiler>", A_MASS, 'boundmass="0.1"'),
+    Misuse("equality of MuJoCo", beside("<mujoco><equality/></mujoco>"), "<mujoco><equality>",
+           A_TREE, "<equality> in <mujoco>"),
+    Misuse("actuator of MuJoCo", beside("<mujoco><actuator/></mujoco>"), "<mujoco><actuator>",
+           A_FORCE, "<actuator> in <mujoco>"),
+    Misuse("bodies of MuJoCo", beside("<mujoco><worldbody/></mujoco>"), "<mujoco><worldbody>",
+           A_PART, "<worldbody> in <mujoco>", row=False),
+    Misuse("rotor of Drake", beside(ROTOR),
+           '<transmission name="t"><actuator name="m"><drake:rotor_inertia>',
+           '<joint name="bend" armature="0.1"/> in <softdyn>', "<drake:rotor_inertia>"),
+    Misuse("joint that Drake ignores", (
+           '<joint name="glue" ', '<joint name="glue" drake_ignore="true" '),
+           '<joint name="glue">', A_PART, 'drake_ignore="true"', row=False),
+    Misuse("xacro that was not expanded", beside(
+           '<xacro:include xmlns:xacro="http://www.ros.org/wiki/xacro" filename="x"/>'),
+           "<xacro:include>", "a URDF that xacro has expanded", "<xacro:include>"),
+]  # fmt: skip
 GROUPS = {
     "File": FILE,
     "Misspelt and misplaced": STRAYS,
+    "Other tools": OTHERS,
     "Tree": TREE,
     "Numbers": NUMBERS,
     "Inertia": INERTIA,

@@ -10,8 +10,8 @@ import numpy as np
 
 from softdyn import Reference, State
 from softdyn.controllers import Gains
-from softdyn.validation.paper.paper_qps import soft_id_clf_qp, tip
-from softdyn.validation.paper.solvers import Quadprog, SolverAnswer, SymbolicQp, unknowns
+from tests.proof.paper.paper_qps import soft_id_clf_qp, tip
+from tests.proof.paper.solvers import Quadprog, SolverAnswer, SymbolicQp, unknowns
 from tests.support.daqp import Daqp
 
 

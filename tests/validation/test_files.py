@@ -19,6 +19,7 @@ from softdyn.validation.files import (
     write_json,
     write_text,
 )
+from tests.support import PATIENCE
 
 
 def test_a_file_appears_when_it_is_done(tmp_path):
@@ -132,7 +133,7 @@ def test_a_pipe_is_written_through(tmp_path):
         file.write(b"..." + b"x" * 200_000)
         file.seek(0)
         file.write(b"abc")
-    reader.join(timeout=30)
+    reader.join(PATIENCE)
     assert got == [b"abc" + b"x" * 200_000]
     assert pipe.is_fifo()
 

@@ -20,7 +20,7 @@ from softdyn.validation.report.replay import comparison, replay
 from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
 from softdyn.view.server import Viewer
-from tests.support import ROOT, micro, rigged, winched
+from tests.support import PATIENCE, ROOT, micro, rigged, winched
 from tests.support.arms import RUBBER, loaded
 from tests.support.browser import Browser, required
 
@@ -243,7 +243,7 @@ def test_the_live_viewer_draws_what_is_pushed(browser):
     with Viewer(page) as viewer:
         viewer.push(row(0.0, 0.0))
         browser.open(viewer.url)
-        assert viewer.wait(60)
+        assert viewer.wait(PATIENCE)
         browser.until("softdyn.tracks[0].frames.length == 1")
         before = browser.pixels("canvas")
         assert changed(before, empty_scene(browser)) > 1500
@@ -273,7 +273,7 @@ def test_view_py_in_a_browser(browser):
         assert browser.console == []
         assert all("127.0.0.1" in url or url.startswith("data:") for url in browser.requests)
         process.terminate()
-        assert process.wait(120) == 0
+        assert process.wait(PATIENCE) == 0
     finally:
         process.kill()
 

@@ -21,7 +21,7 @@ from softdyn.view.loopback import listener
 from softdyn.view.page import Page, PlayedRun, Track
 from softdyn.view.scene import Figure
 from softdyn.view.server import Viewer
-from tests.support import ROOT
+from tests.support import PATIENCE, ROOT
 from tests.support.command import of_itself
 
 
@@ -65,7 +65,7 @@ def test_view_listens_on_loopback_only_and_ends_cleanly():
         page = urllib.request.urlopen(url).read().decode()
         assert "<title>finger</title>" in page
         process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=120)
+        _, err = process.communicate(timeout=PATIENCE)
     finally:
         process.kill()
     assert process.returncode == 0

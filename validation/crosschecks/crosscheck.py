@@ -266,7 +266,7 @@ def _compare_at(
             "g": (state.g, judge.g, inertia),
             "K": (state.K, judge.K, inertia),
             "D": (state.D, judge.D, inertia),
-            "length": (state.lengths, judge.lengths, length),
+            "length": (state.lengths[judge.shared], judge.lengths, length),
             "energy": (energy, judge.energy, weight),
         }
         if judge.nu == model.nu:

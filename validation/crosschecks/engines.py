@@ -8,17 +8,20 @@ cross-check does.
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from softdyn.dynamics.mimic import build
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
 from softdyn.validation.crosschecks.crosscheck import crosscheck
 from softdyn.validation.crosschecks.result import CrossCheck
 from softdyn.validation.mjcf.comparison.comparison import NAMED
+from softdyn.validation.mjcf.comparison.drives import ONLY
 from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, Neutral
 from softdyn.validation.mjcf.comparison.result import Cause
 from softdyn.validation.mjcf.comparison.side import Side
@@ -28,6 +31,7 @@ from softdyn.validation.mjcf.scene import Scene
 SORTS = mujoco.mjtTrn
 TENDON = ("tendon_armature", "tendon_stiffness", "tendon_stiffnesspoly", "tendon_damping",
           "tendon_dampingpoly")  # fmt: skip
+SPRINGS = ("stiffness", "damping")
 SAME = 1e-9  # relative, of an engine against the neutral form
 Answer = tuple[np.ndarray, np.ndarray, np.ndarray]  # M, bias, g, in the neutral form's order
 
@@ -78,7 +82,9 @@ def side_by_side(
     """The URDF in Pinocchio against the MJCF in MuJoCo: every term, q̈ and trajectories.
 
     If only one file states armature, damping or springs, both engines take the URDF's values. So
-    the engines agree where the files agree. Joints that only the MJCF has stand still.
+    the engines agree where the files agree. Springs and dampers of tendons that only one file has
+    are left out, and so are the lengths of these tendons. Joints that only the MJCF has stand
+    still.
 
     Parameters
     ----------
@@ -101,6 +107,9 @@ def side_by_side(
     urdf, mjcf = sides
     model = urdf.beside(mjcf).model
     scene = Scene(model, mjcf)
+    if alone := [cause.where for cause in _tendons_alone(scene) if cause.b is None]:
+        model = _without_springs(urdf, mjcf, alone)
+        scene = Scene(model, mjcf)
     _settle_one_sided(scene)
     found = crosscheck(model, scene, samples=samples, seed=seed)
     # the energy contains the weight of the rest of the scene
@@ -108,18 +117,35 @@ def side_by_side(
     return replace(found, checks=checks)
 
 
-def differing(pair: CrossCheck) -> list[str]:
-    """Terms in which two files differ by more than rounding; motions are left out."""
+def differing(pair: CrossCheck, tolerance: float = 0.0) -> list[str]:
+    """Terms that differ by more than rounding or a relative tolerance; motions are left out."""
     return [
         check.quantity
         for check in pair.checks
-        if check.quantity not in ("qdd", "trajectory") and not check.max_error <= NAMED
+        if check.quantity not in ("qdd", "trajectory")
+        and not check.max_error <= max(NAMED, tolerance)
     ]
+
+
+def _tendons_alone(scene: Scene) -> list[Cause]:
+    """The causes that are a tendon of one file only."""
+    return [c for c in scene.comparison.causes if c.kind == "tendon" and c.detail == ONLY]
+
+
+def _without_springs(urdf: Side, mjcf: Side, names: Sequence[str]) -> SoftModel:
+    """The model of a URDF without the springs and dampers of some tendons."""
+    robot = urdf.beside(mjcf).robot
+    tendons = tuple(
+        replace(tendon, stiffness=0.0, damping=0.0, slack=False) if tendon.name in names else tendon
+        for tendon in robot.tendons
+    )
+    return build(replace(robot, tendons=tendons))
 
 
 def _settle_one_sided(scene: Scene) -> None:
     """Give the scene the URDF's values where only one of the files states any."""
     model, matched = scene.model, scene.comparison.matched
+    tendons = [tendon.name for tendon in scene.robot.tendons]
     sorts = {"damping": ("dof_damping", "dof_dampingpoly"), "armature": ("dof_armature",),
              "stiffness": ("jnt_stiffness", "jnt_stiffnesspoly")}  # fmt: skip
     for cause in scene.comparison.causes:
@@ -132,6 +158,11 @@ def _settle_one_sided(scene: Scene) -> None:
             for field, value in zip(sorts[cause.kind], (first, powers or 0.0), strict=False):
                 getattr(model, field)[index] = value
             _silence_drives(model, joint, (SORTS.mjTRN_JOINT, SORTS.mjTRN_JOINTINPARENT), cause)
+        elif cause.kind == "tendon" and (name := cause.detail.partition(":")[0]) in SPRINGS:
+            index = scene.tendons[tendons.index(cause.where)]
+            getattr(model, f"tendon_{name}")[index] = np.atleast_1d(cause.a)[0]
+            getattr(model, f"tendon_{name}poly")[index] = 0.0
+            _silence_drives(model, index, (SORTS.mjTRN_TENDON,), cause)
         elif cause.kind in ("armature", "tendon") and cause.where not in matched:
             numbers = [k for k in range(model.ntendon) if model.tendon(k).name == cause.where]
             for k in numbers if cause.a is None or cause.kind == "armature" else ():

@@ -37,6 +37,8 @@ class MujocoTerms:
     ----------
     nu, nv : int
         Numbers of actuators and of degrees of freedom.
+    shared : np.ndarray, (tendons,)
+        Whether the twin has each tendon of the model; a scene may have motors on joints instead.
     mass : float
         Mass of all moving bodies (kg).
     """
@@ -45,7 +47,8 @@ class MujocoTerms:
         self.states = states
         self._model = copy.copy(twin.model)
         self._body, self._point = twin.task
-        self._inputs, self._tendons = twin.inputs, twin.tendons
+        self._inputs, self.shared = twin.inputs, twin.tendons >= 0
+        self._tendons = twin.tendons[self.shared]
         self._slack = twin.slack
         driven = twin.inputs[self._model.actuator_ctrladr].any(axis=1)
         idle = np.setdiff1d(np.flatnonzero(~driven), self._slack)
@@ -193,7 +196,7 @@ class MujocoTerms:
         return matrix
 
     def lengths(self) -> np.ndarray:
-        """Tendon lengths (tendons,)."""
+        """Lengths of the `shared` tendons."""
         return self._data.ten_length[self._tendons]
 
     def qdd(self, u: np.ndarray) -> np.ndarray:

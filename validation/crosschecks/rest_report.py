@@ -58,6 +58,7 @@ class HeldRest:
             **{key: getattr(rest, key).tolist() for key in ("y", "u", "q", "tip_compliance")},
             "residual": rest.residual,
             "stable": rest.stable,
+            "neutral": rest.neutral,
             "smallest_eigenvalue": float(rest.eigenvalues[0]) if rest.eigenvalues.size else None,
             "rightmost_pole": float(rest.poles[0].real) if rest.poles.size else None,
             "joints_at_limits": [name for name, at_limit in held if at_limit],
@@ -73,7 +74,7 @@ class HeldRest:
             firm = f"eigenvalue {rest.eigenvalues[0]:.4g}, pole {rest.poles[0].real:.3g} /s"
         stops = f", {rest.held.sum()} joints at limits" if rest.held.any() else ""
         return (
-            f"{'stable' if rest.stable else 'unstable'} ({firm}){stops}, "
+            f"{rest.firmness} ({firm}){stops}, "
             f"drift {CM * self.drift.final:.2g} cm in {self.seconds:g} s, "
             f"nudged {CM * self.nudged.final:.2g} cm, u = {' '.join(f'{x:.3f}' for x in rest.u)}"
         )

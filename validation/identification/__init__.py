@@ -2,6 +2,5 @@
 
 - `trials`: identification of twins with known parameters;
 - `excitations`: the excitation whose data identify the parameters best;
-- `second_opinion`: the same fit by MuJoCo's own identification;
 - `twin_report`: reports of them.
 """

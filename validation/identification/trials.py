@@ -6,9 +6,9 @@ random inputs, its outputs get noise, and the fit starts from the file's values.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -35,8 +35,6 @@ from softdyn.validation.processes import in_order
 from softdyn.validation.tables import Table
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
-
-Result = TypeVar("Result")
 
 # standard deviations of noise by type of joint (rad, m), and for tip and cables (m)
 JOINT_NOISE = {"revolute": 0.005, "continuous": 0.005, "prismatic": 1e-4}
@@ -300,18 +298,11 @@ def judged(
     return Trial(seed, found, relative, scores, width)
 
 
-def each_trial(
-    one_trial: Callable[..., Result],
-    *what: Any,
-    seeds: int,
-    step: float = np.inf,
-    jobs: int = -1,
-) -> list[Result]:
-    """Run `trial`, or another function of its arguments, for each seed from 0 on.
+def each_trial(*what: Any, seeds: int, step: float = np.inf, jobs: int = -1) -> list[Trial]:
+    """Run `trial` for each seed from 0 on.
 
     Parameters
     ----------
-    one_trial : Callable
     what
         Its first arguments, up to and including the noise.
     seeds : int
@@ -322,7 +313,7 @@ def each_trial(
         Processes, -1 for one per core.
     """
     calls = [(*what, seed, step) for seed in range(seeds)]
-    return in_order(one_trial, calls, 1 if seeds == 1 else jobs)
+    return in_order(trial, calls, 1 if seeds == 1 else jobs)
 
 
 SHOWN = (

@@ -8,7 +8,6 @@ from typing import Any
 from softdyn import InputError, SoftModel
 from softdyn.identification import Parameter, output_names
 from softdyn.validation.identification import excitations, trials
-from softdyn.validation.identification import second_opinion as second
 
 Report = tuple[dict[str, Any], str, bool]
 
@@ -34,8 +33,7 @@ def of_excitations(
     found = excitations.compared(model, unknowns, outputs, excitation, noise, jobs=jobs)
     rows = [
         {"amplitude": one.excitation.amplitude, "knots": one.excitation.knots,
-         "relative": one.relative.tolist(), "refused": one.refused,
-         "reach": one.excitation.amplitude}  # the former key
+         "relative": one.relative.tolist(), "refused": one.refused}
         for one in found
     ]  # fmt: skip
     report = {"labels": [one.label for one in unknowns], "excitations": rows}
@@ -44,23 +42,16 @@ def of_excitations(
 
 
 def of_trials(
-    model: SoftModel, unknowns: Sequence[Parameter], *what: Any, opinion: bool, **options: Any
+    model: SoftModel, unknowns: Sequence[Parameter], *what: Any, **options: Any
 ) -> Report:
-    """Identify twins, with MuJoCo's opinion if asked; whether all parameters were identified."""
-    opinions: list[second.Opinion] = []
-    if opinion:
-        pairs = trials.each_trial(second.of_trial, model, unknowns, *what, **options)
-        several, opinions = [one for one, _ in pairs], [one for _, one in pairs]
-    else:
-        several = trials.each_trial(trials.trial, model, unknowns, *what, **options)
+    """Identify twins; the last entry says whether all parameters were identified."""
+    several = trials.each_trial(model, unknowns, *what, **options)
     rows = [
         {"seed": one.seed, "relative": one.relative.tolist(), "scores": one.scores.tolist(),
          "width": one.width.tolist(), **one.found.report()}
         for one in several
     ]  # fmt: skip
-    for row, other in zip(rows, opinions, strict=False):
-        row["second_opinion"] = other.report()
     report = {"labels": [one.label for one in unknowns], "summary": trials.summary(several),
               "trials": rows}  # fmt: skip
-    text = "\n\n".join([trials.trial_table(several).text(), *map(str, opinions)])
+    text = trials.trial_table(several).text()
     return report, text, all(e.identified for one in several for e in one.found.estimates)

@@ -89,7 +89,8 @@ def drive(
     over : callable
         Asked once a period, and at least every 20 ms.
     say : callable, optional
-        Gets `period_note` where there is one, after the periods that the clock keeps.
+        Gets the traceback of an error in a user's own code, and `period_note` where there is one,
+        after the periods that the clock keeps.
 
     Raises
     ------
@@ -102,6 +103,9 @@ def drive(
             raise SoftdynError("the server of the pages has ended")
         began = perf_counter()
         heard = _listen(session, channel)
+        if say is not None and session.trace:
+            say(f"an error in your own code pauses the robot\n{session.trace}")
+            session.trace = ""
         if session.changed:
             session.changed = False
             clock.speed = session.shown.speed

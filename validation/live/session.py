@@ -15,7 +15,7 @@ import numpy as np
 from softdyn import InputError, SoftdynError, SoftModel, State, statics
 from softdyn.controllers.controller import guard_of
 from softdyn.estimation import Observer
-from softdyn.exceptions import one_line
+from softdyn.exceptions import OwnCodeError, one_line, own_code_errors
 from softdyn.safety import Surroundings
 from softdyn.tasks.task import Task
 from softdyn.validation.live.dragged_targets import DraggedTargets
@@ -95,6 +95,8 @@ class Session:
         Control period (s).
     pull : float
         Largest force of a pull by the mouse (N).
+    trace : str
+        The traceback of the last error in a user's own code, until the caller empties it.
 
     Raises
     ------
@@ -140,6 +142,7 @@ class Session:
         self._observe: Observation | None = None
         self._estimate: State | None = None
         self.shown, self.changed = PageState(OPEN_LOOP, inputs=self._zero.tolist()), True
+        self.trace = ""
         self.shown.ghost = observer is not None
         self._rig, self._map = self._built(self._mismatch, *self._at_rest(), 0.0, self._zero)
         self._state = model.state(*self._q_v())
@@ -256,15 +259,13 @@ class Session:
         """Run one control period; return the time of its control step (µs)."""
         began = perf_counter_ns()
         try:
-            self._state = self.model.state(*self._q_v())
-            seen = self._see()
-            if self._law is None:
-                self._u = self._by_hand
-            else:
-                answer = self._law(seen, self._aim.reference)
-                self._u = self._guard.admit(getattr(answer, "u", answer))
-                self._V = getattr(answer, "V", np.nan)
-        except Exception as error:  # a user's controller may raise anything
+            with own_code_errors():
+                self._control()
+        except OwnCodeError as error:
+            self.trace = error.trace
+            self._fault(f"{self.shown.law}: {error}")
+            return 0.0
+        except Exception as error:  # an answer that cannot be used
             self._fault(f"{self.shown.law}: {type(error).__name__}: {error}")
             return 0.0
         spent = (perf_counter_ns() - began) / 1e3
@@ -294,6 +295,17 @@ class Session:
         return self.columns.frame(**values, **clock)
 
     # -- inside --------------------------------------------------------------------------------
+
+    def _control(self) -> None:
+        """Read the plant, and ask the controller for the input."""
+        self._state = self.model.state(*self._q_v())
+        seen = self._see()
+        if self._law is None:
+            self._u = self._by_hand
+            return
+        answer = self._law(seen, self._aim.reference)
+        self._u = self._guard.admit(getattr(answer, "u", answer))
+        self._V = getattr(answer, "V", np.nan)
 
     def _see(self) -> State:
         """The state that the controller sees: the plant's behind the rig, or its estimate."""

@@ -104,27 +104,28 @@ def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, 
     columns = Columns(model, sum(len(mark.columns) for mark in marks_of(tasks)))
     clock = Clock(loop.grid.period, speed, keep=loop.grid.steps)
     channel.state({"law": controller_title(loop.name), "speed": speed})
-    while True:
-        clock.wait()
-        began = perf_counter_ns()
-        step = loop.control()
-        spent = (perf_counter_ns() - began) / 1e3
-        if step is None:
-            break
-        if clock.frame(RATE):
-            state, output, goal = step.plant, step.output, loop.reference(step.t)
-            channel.frame(
-                columns.frame(
-                    t=step.t, q=model.coordinates(state.q), y=state.y,
-                    u=step.acting, targets=target_row(tasks, goal), y_ref=goal.y,
-                    V=getattr(output, "V", float("nan")), misses=clock.misses, pace=clock.pace,
-                    step_us=clock.worst_step, wake_us=clock.worst_wake,
-                )
-            )  # fmt: skip
-            clock.worst_step = clock.worst_wake = 0.0
-            shown += 1
-        loop.advance()
-        clock.done(spent)
+    with loop.log_in_errors():
+        while True:
+            clock.wait()
+            began = perf_counter_ns()
+            step = loop.control()
+            spent = (perf_counter_ns() - began) / 1e3
+            if step is None:
+                break
+            if clock.frame(RATE):
+                state, output, goal = step.plant, step.output, loop.reference(step.t)
+                channel.frame(
+                    columns.frame(
+                        t=step.t, q=model.coordinates(state.q), y=state.y,
+                        u=step.acting, targets=target_row(tasks, goal), y_ref=goal.y,
+                        V=getattr(output, "V", float("nan")), misses=clock.misses, pace=clock.pace,
+                        step_us=clock.worst_step, wake_us=clock.worst_wake,
+                    )
+                )  # fmt: skip
+                clock.worst_step = clock.worst_wake = 0.0
+                shown += 1
+            loop.advance()
+            clock.done(spent)
     kept = clock.kept()
     channel.state({"notice": loop.reason or "done", "paused": True})
     return loop.log(), ViewerCost(shown, channel.dropped, kept.pace, kept.misses, kept.wake_us)

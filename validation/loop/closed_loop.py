@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import perf_counter_ns
 from typing import Any
@@ -83,7 +84,7 @@ class ClosedLoop:
         `max_bound_violation` (of the controller or its `guard`), and `gains` or `parameters`. A
         method `reset` is called once before the run with the control period (s). An attribute
         `waits` is True during its calls, so that they wait for its searches. Its exceptions are
-        passed on.
+        passed on; those of a step have the run so far as their attribute ``log``.
     reference : Experiment or Callable[[float], Reference]
         The second is of t (s), e.g. a `SetPoint`. `nowhere` is for a rollout, in which no distance
         from a reference is judged.
@@ -321,9 +322,18 @@ class ClosedLoop:
         -------
         Log
             The run from its beginning.
+
+        Raises
+        ------
+        Exception
+            Any exception of the controller, the observer or the reference, and the
+            KeyboardInterrupt of Ctrl-C. The exception has the run so far as its attribute ``log``.
         """
         off = None if progress else True
-        with tqdm(total=self.grid.steps, disable=off, leave=False, unit="step") as bar:
+        with (
+            self.log_in_errors(),
+            tqdm(total=self.grid.steps, disable=off, leave=False, unit="step") as bar,
+        ):
             while (step := self.control()) is not None:
                 if on_step is not None:
                     on_step(step.t, step.state, step.output)
@@ -331,12 +341,23 @@ class ClosedLoop:
                 bar.update()
         return self.log()
 
+    @contextmanager
+    def log_in_errors(self) -> Iterator[None]:
+        """Give each exception that leaves the block the run so far, as its attribute ``log``."""
+        try:
+            yield
+        except BaseException as error:
+            self.reason = verdict.stopped_by(float(self._record.t[self.steps]), error)
+            with suppress(Exception):  # the log asks the controller for its gains and counts
+                error.log = self.log()  # type: ignore[attr-defined]
+            raise
+
     def log(self) -> Log:
         """The run so far; it is not complete before the last control period."""
         model, controller, experiment = self.model, self.controller, self.experiment
         (not_solved, fallbacks, violation), fault = self._counts.told()
         reason = self.reason or fault
-        steps = self.steps if self.done else max(self.steps - 1, 0)
+        steps = self.steps if self.done else max(self._record.samples - 1, 0)
         recorded: dict[str, Any] = {**self._record.arrays(steps)}
         if self._rig is not None:
             recorded |= self._rig.columns()

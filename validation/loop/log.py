@@ -80,7 +80,7 @@ class Log:
     source : LoggedRobot
         The robot, with the text of its file at the time of the run.
     Vdot, delta_true : np.ndarray, (N,), or None
-        For a `Certified` controller: V̇ and the relaxation computed with the model's acceleration.
+        Of a `certified` log: V̇ and the relaxation computed with the model's acceleration.
     plant : str or None
         Name of the user's file that was the plant, None where it was the twin.
     command : np.ndarray, (N, nu), or None

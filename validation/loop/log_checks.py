@@ -33,7 +33,7 @@ SHAPES = {
     "u_min": ("nu",),
     "u_max": ("nu",),
 }
-# only from a `Certified` controller
+# only of a `certified` log
 CERTIFIED = {"Vdot": ("steps",), "delta_true": ("steps",)}
 # only from a run with a rig
 RIGGED = {

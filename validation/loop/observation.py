@@ -9,7 +9,7 @@ import numpy as np
 
 import softdyn
 from softdyn import InputError, SoftModel, State
-from softdyn.controllers.registry import find_controller, is_own
+from softdyn.controllers.registry import find_controller, is_own, one_line_errors
 from softdyn.estimation import Ekf, Observer
 from softdyn.exceptions import errors_in
 from softdyn.validation.twin.rig import Rig, RiggedPlant, rig_of
@@ -117,7 +117,8 @@ def make_observer(model: SoftModel, rig: Rig | str | None, words: str) -> Any:
         raise InputError("observer", 'a rig with sensors, such as rig="file"', "none")
     rigged = softdyn.build(given.robot(model.robot), model.bundled)
     if is_own(words):
-        return _check(find_controller(words)(rigged))
+        with one_line_errors(words, "an observer"):
+            return _check(find_controller(words)(rigged))
     return Ekf(rigged, disturbances=[word for word in words.split(",") if word])
 
 

@@ -20,7 +20,7 @@ from softdyn.controllers.controller import Command, InputGuard
 from softdyn.controllers.qps.stacked_error import rows_of
 from softdyn.tasks.marks import marks_of, target_row
 from softdyn.tasks.task import Task, errors_along
-from softdyn.validation.loop.log_checks import CERTIFIED, EXTRA, GOING, SHAPES
+from softdyn.validation.loop.log_checks import EXTRA, GOING, SHAPES
 
 LONGEST = 200  # characters of a status
 LARGEST = 2**53  # of a count: a float represents all integers up to it
@@ -79,6 +79,8 @@ class Recorder:
     ----------
     t, q, v, y, y_ref, error, u, V, delta, step_us, u_min, u_max : np.ndarray
         As in `Log`; NaN where no sample was recorded.
+    samples : int
+        The number of samples recorded.
     """
 
     def __init__(self, model: SoftModel, t: np.ndarray, guard: InputGuard) -> None:
@@ -92,6 +94,7 @@ class Recorder:
         self.y, self.y_ref, self.error = made["y"], made["y_ref"], made["error"]
         self.V, self.delta, self.step_us = made["V"], made["delta"], made["step_us"]
         self._guard, self._model = guard, model
+        self.samples = 0
         self._statuses: list[str] = []
         self._extra: dict[str, np.ndarray] = {}  # only if the answer has it
 
@@ -99,6 +102,7 @@ class Recorder:
         """Record the tip (3,) and its reference (3,) at sample `k`; returns ‖e‖ (m)."""
         error = np.subtract(y, y_ref, out=self.error[k])
         self.y[k], self.y_ref[k] = y, y_ref
+        self.samples = k + 1
         return math.hypot(*error.tolist())  # no overflow
 
     def output(self, k: int, answer: ControllerOutput, nanoseconds: int) -> str | None:
@@ -112,8 +116,6 @@ class Recorder:
             return str(error)
         self.V[k] = _scalar(getattr(answer, "V", None))
         self.delta[k] = _scalar(getattr(answer, "delta", None))
-        if hasattr(answer, "delta_true"):
-            self._certify(k, answer)
         if isinstance(answer, Command) and math.isfinite(answer.distance):
             if "distance" not in self._extra:
                 self.extra(GOING)
@@ -135,12 +137,6 @@ class Recorder:
         """Record values at sample or step `k`, by the names of `EXTRA`."""
         for name, value in values.items():
             self._extra[name][k] = value
-
-    def _certify(self, k: int, answer: Any) -> None:
-        for name in CERTIFIED:
-            if name not in self._extra:
-                self._extra[name] = np.full(len(self.V), np.nan)
-            self._extra[name][k] = _scalar(getattr(answer, name, None))
 
     def task_errors(self, steps: int, controller: object, reference: Any) -> dict[str, Any]:
         """Errors of a controller's `tasks` at the finite samples, and the targets of the tasks."""

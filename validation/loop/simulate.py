@@ -82,6 +82,9 @@ def simulate(
     ------
     InputError
         For arguments that cannot be run, and for a reference that is not finite.
+    Exception
+        Any exception of the controller, the observer or the reference, and the KeyboardInterrupt
+        of Ctrl-C, unchanged. The exception has the run so far as its attribute ``log``, a `Log`.
     """
     # a run resets its controller, so that threads that share one take turns
     with getattr(getattr(controller, "guard", None), "lock", nullcontext()):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from softdyn.checks import number
+from softdyn.exceptions import one_line
 from softdyn.references import Reference
 from softdyn.tasks import StackedReference
 from softdyn.validation.loop.metrics import CM, mean_square
@@ -35,6 +36,13 @@ def plant_stopped(t: float, warning: str) -> str:
 def no_input(t: float, fault: str) -> str:
     """The reason text of a run that ended because the input was unusable at `t` (s)."""
     return f"the controller failed at t = {t:.4g} s: {fault}"
+
+
+def stopped_by(t: float, error: BaseException) -> str:
+    """The reason text of a run that an exception ended at `t` (s)."""
+    interrupted = isinstance(error, KeyboardInterrupt)
+    what = "interrupted" if interrupted else one_line(f"{type(error).__name__}: {error}")
+    return f"the run ended at t = {t:.4g} s: {what}"
 
 
 def tip_diverged(t: float, distance: float, length: float) -> str | None:

@@ -11,6 +11,7 @@ import numpy as np
 from softdyn.description.library import find
 from softdyn.description.urdf import parse
 from softdyn.description.urdf_writer import write
+from softdyn.exceptions import UrdfError
 from softdyn.validation.files import write_text
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
 from softdyn.validation.mjcf.comparison.finding import beyond_urdf
@@ -20,6 +21,7 @@ from softdyn.validation.mjcf.comparison.result import Comparison
 from softdyn.validation.mjcf.comparison.side import Side, neutral
 from softdyn.validation.mjcf.to_mjcf import lost, to_mjcf
 from softdyn.validation.mjcf.to_urdf import to_urdf
+from softdyn.validation.mjcf.urdf_shapes import Looks, looks_of
 
 Outcome = tuple[Comparison, tuple[str, ...]]
 
@@ -65,13 +67,15 @@ def write_mjcf(
     return _compared(from_urdf(robot), neutral(target)), tuple(lost(robot))
 
 
-def write_urdf(source: str | Path, target: str | Path) -> Outcome:
+def write_urdf(source: str | Path, target: str | Path, *, shapes: bool = True) -> Outcome:
     """Write an MJCF, or a URDF, as an annotated URDF; arguments and result as `write_mjcf`.
 
     Parameters
     ----------
     source, target : str or Path
         The file to read, and the one to write.
+    shapes : bool
+        Whether to write the shapes of an MJCF. Those of a URDF are left out.
 
     Raises
     ------
@@ -83,14 +87,27 @@ def write_urdf(source: str | Path, target: str | Path) -> Outcome:
     sensors = [sensor.name for sensor in side.robot.sensors] if not side.is_mjcf else [
         words.get("name", tag) for tag, words in side.mjcf.sensors
     ]  # fmt: skip
-    converted = to_urdf(robot, side.path.stem)
+    looks, unseen = _looks(side) if shapes else ({}, ())
+    converted = to_urdf(robot, side.path.stem, looks)
     write_text(str(target), write(converted.robot))
     floating = any(part.kind == "free" for part in robot.parts)
     return _compared(robot, neutral(target, floating=floating)), (
         *converted.lost,
+        *unseen,
         *unsaid(robot),
         *(f"sensor {name!r}" for name in sensors),
     )
+
+
+def _looks(side: Side) -> tuple[Looks, tuple[str, ...]]:
+    """The shapes that a URDF can state, and a line for each body whose shapes it cannot."""
+    if not side.is_mjcf:
+        count = sum(bool(link.looks) for link in side.robot.links)
+        return {}, (f"shapes of {count} links",) if count else ()
+    try:
+        return looks_of(side.scene, side.neutral)
+    except UrdfError as error:  # such as a missing mesh, which the dynamics do not need
+        return {}, (f"all shapes: {error}",)
 
 
 def unsaid(robot: Neutral) -> Iterator[str]:

@@ -7,8 +7,9 @@ chain of massless links.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ from softdyn.description.robot import (
     deepest_leaf,
 )
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part
+from softdyn.validation.mjcf.transform import angles
 from softdyn.validation.mjcf.xml_text import Names
 
 UNLIMITED = 1e4  # m, rad: limits for a joint without any, because URDF requires them
@@ -41,7 +43,9 @@ class Converted(NamedTuple):
     lost: tuple[str, ...]
 
 
-def to_urdf(source: Neutral, name: str) -> Converted:
+def to_urdf(
+    source: Neutral, name: str, looks: Mapping[int, Sequence[str]] = MappingProxyType({})
+) -> Converted:
     """Convert a robot in the neutral form to one that an annotated URDF can state.
 
     Parameters
@@ -50,6 +54,8 @@ def to_urdf(source: Neutral, name: str) -> Converted:
         As `softdyn.validation.mjcf.comparison.side.neutral` reads it.
     name : str
         The robot's name.
+    looks : mapping of int to sequence of str
+        Shapes of the parts, and of the root, as `softdyn.validation.mjcf.urdf_shapes` makes them.
 
     Returns
     -------
@@ -66,9 +72,11 @@ def to_urdf(source: Neutral, name: str) -> Converted:
     floating = len(roots) == 1 and source.parts[roots[0]].kind == "free"
     if floating:
         lost.append("that the base floats: load the file with floating=True")
+        if looks.get(WORLD):
+            lost.append("the shapes around the robot")
     else:
         link_of[WORLD] = names.new("world")
-        links.append(Link(link_of[WORLD]))
+        links.append(Link(link_of[WORLD], looks=tuple(looks.get(WORLD, ()))))
     welded = ("ball",) if floating else ("ball", "free")
     for part in source.parts:
         if part.kind in welded:
@@ -76,7 +84,8 @@ def to_urdf(source: Neutral, name: str) -> Converted:
     for k, part in enumerate(source.parts):
         link_of[k] = names.new(part.link or f"{part.name}_link")
         com = Origin(_place(source, k, part.inertia.com) if part.inertia.mass else ZERO)
-        links.append(Link(link_of[k], part.inertia.mass, part.inertia.moments, com))
+        shown = tuple(looks.get(k, ()))
+        links.append(Link(link_of[k], part.inertia.mass, part.inertia.moments, com, shown))
         if floating and part.kind == "free":
             continue
         place = Origin(_place(source, part.parent, part.point))
@@ -87,7 +96,7 @@ def to_urdf(source: Neutral, name: str) -> Converted:
             child = names.new(label)
             links.append(Link(child))
             xyz = _place(source, frame.part, frame.pose.translation)
-            place = Origin(xyz, _angles(frame.pose.rotation))
+            place = Origin(xyz, angles(frame.pose.rotation))
             joints.append(Joint(f"{child}_weld", "fixed", link_of[frame.part], child, place))
     tendons = list(_tendons(source, link_of, lost))
     actuators = tuple(_actuators(source, tendons, lost))
@@ -198,16 +207,3 @@ def _actuators(source: Neutral, tendons: list[Tendon], lost: list[str]) -> Itera
             tendons.append(Tendon(names.new(f"{target}_drive"), (JointTerm(target, 1.0),)))
             target = tendons[-1].name
         yield Actuator(motor.name, target, motor.gear, motor.lower, motor.upper, **rig)
-
-
-def _angles(rotation: np.ndarray) -> tuple[float, float, float]:
-    """Roll, pitch, yaw (rad) of a rotation matrix."""
-    pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[0, 0], rotation[1, 0]))
-    if math.hypot(rotation[0, 0], rotation[1, 0]) < 1e-9:  # gimbal lock: the yaw is free
-        sign = math.copysign(1.0, pitch)
-        return math.atan2(sign * rotation[0, 1], rotation[1, 1]), pitch, 0.0
-    return (
-        math.atan2(rotation[2, 1], rotation[2, 2]),
-        pitch,
-        math.atan2(rotation[1, 0], rotation[0, 0]),
-    )

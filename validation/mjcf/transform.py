@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -39,3 +40,16 @@ class Transform:
         """Angle of the rotation (rad), accurate near zero."""
         trace = np.einsum("...ii->...", self.rotation)
         return np.arctan2(np.linalg.norm(self.turn, axis=-1) / 2, (trace - 1) / 2)
+
+
+def angles(rotation: np.ndarray) -> tuple[float, float, float]:
+    """Roll, pitch, yaw (rad) of a rotation matrix."""
+    pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[0, 0], rotation[1, 0]))
+    if math.hypot(rotation[0, 0], rotation[1, 0]) < 1e-9:  # gimbal lock: the yaw is free
+        sign = math.copysign(1.0, pitch)
+        return math.atan2(sign * rotation[0, 1], rotation[1, 1]), pitch, 0.0
+    return (
+        math.atan2(rotation[2, 1], rotation[2, 2]),
+        pitch,
+        math.atan2(rotation[1, 0], rotation[0, 0]),
+    )

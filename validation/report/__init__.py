@@ -5,7 +5,6 @@
 - `plot_data`: the thinned data of each run that the figures show
 - `figures`: the paper's figures: Lyapunov functions, paths, errors
 - `time_figures`: inputs over time; errors and inputs of a few saved runs
-- `step_figures`: step times and how they grow
 - `statics_figure`: the stable equilibria of a robot's tip
 - `uncertainty_figure`: an arm coloured by what sensors leave open
 - `replay`: a page that replays logs

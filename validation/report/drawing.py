@@ -17,7 +17,7 @@ from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, WORLD, Neutral
 from softdyn.validation.mjcf.comparison.side import Side
 from softdyn.validation.mjcf.comparison.terms import rotations
 from softdyn.validation.mjcf.scenery import geom_visuals
-from softdyn.view.scene import columns, shape_data
+from softdyn.view.scene import FigureData, columns, shape_data
 
 AXES = np.eye(3)
 
@@ -80,8 +80,8 @@ class RobotDrawing:
         return np.array(row)
 
     @property
-    def data(self) -> dict[str, Any]:
-        """The data of `Figure.data`: a link per degree of freedom, in the root's axes at zero."""
+    def data(self) -> FigureData:
+        """The robot as JSON: a link per degree of freedom, in the root's axes at zero."""
         origins = {WORLD: np.zeros(3)}
         joints: list[dict[str, Any]] = []
         link = {WORLD: 0}
@@ -121,7 +121,7 @@ class RobotDrawing:
             "name": self.name, "size": self.size, "links": len(joints) + 1, "tip": 0,
             "dof": len(joints), "floating": False, "root": 0, "joints": joints, "inputs": [],
             **shape_data(placed, {str(k): number for k, number in link.items()}),
-            "cables": cables,
+            "cables": cables, "marks": [], "numbers": 0, "coordinates": [], "skins": [],
         }  # fmt: skip
 
 

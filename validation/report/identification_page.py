@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from softdyn.identification import Identified
 from softdyn.identification.data import spread
-from softdyn.identification.model_errors.hints import PARTS, where
+from softdyn.identification.hints import PARTS, where
 from softdyn.identification.result import NOT_WHITE
 from softdyn.validation.report.plot_style import style
 from softdyn.validation.tables import Table

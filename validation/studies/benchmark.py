@@ -125,11 +125,11 @@ def emulated(robot: str, controller: str) -> dict[str, Any] | None:
     """The committed figures of the published experiment, run by our emulation of it.
 
     Means and deviations by the names of `experiments.Published`, None where a run ended early, and
-    ``experiments`` as `softdyn reproduce` names them; None without a published row.
+    ``experiments`` as `python -m tests.proof reproduce` names them; None without a published row.
     """
     found: dict[str, Any] = {}
     names: dict[str, None] = {}
-    for cell in read_json(MEASURED / "published.json", "rows of a table")["rows"]:
+    for cell in published_cells():
         if cell["cell"] != f"{robot}/{controller}" or cell["published"] == "-":
             continue
         short, unit = ("sp", "cm") if cell["columns"][0].startswith("θ") else ("tt", "cm2")
@@ -140,6 +140,12 @@ def emulated(robot: str, controller: str) -> dict[str, Any] | None:
             found |= {f"{short}_mean_{unit}": mean, f"{short}_std_{unit}": std}
         names |= dict.fromkeys(label.partition("/")[0] for label in runs)
     return found | {"experiments": list(names)} if found else None
+
+
+def published_cells() -> list[dict[str, Any]]:
+    """The published cells: their figures, their logs, and the experiments that emulate them."""
+    cells: list[dict[str, Any]] = read_json(MEASURED / "published.json", "rows of a table")["rows"]
+    return cells
 
 
 def emulation(cell: Mapping[str, Any]) -> dict[str, Distribution | None]:

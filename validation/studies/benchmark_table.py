@@ -18,8 +18,9 @@ TITLES = (
 )  # fmt: skip
 EMULATED = (
     'The columns "emulated" repeat the published experiment with its own targets, plant and '
-    "program (committed figures): compare these with the paper. The first column of SP and of TT "
-    "is another experiment: the paper's equations in a finer plant."
+    "program: compare these with the paper. Their figures are committed; `python -m tests.proof "
+    "reproduce …`, in a checkout, makes them again. The first column of SP and of TT is another "
+    "experiment: the paper's equations in a finer plant."
 )
 ABOUT = (
     "SP: mean ± population standard deviation over the set points of the final error. "
@@ -73,10 +74,13 @@ def spread(row: Mapping[str, Any], mean: str, std: str) -> str:
 
 
 def emulations(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """The commands that make the columns "emulated"; CHECKOUT is the paper's program."""
+    """The commands, in a checkout of softdyn, that make the columns "emulated".
+
+    CHECKOUT is one of the paper's program.
+    """
     return [
-        f"softdyn reproduce {' '.join(row['emulated']['experiments'])} --robots {row['robot']} "
-        f"--controllers {row['controller']} --files CHECKOUT --keep FILE"
+        f"python -m tests.proof reproduce {' '.join(row['emulated']['experiments'])} "
+        f"--robots {row['robot']} --controllers {row['controller']} --files CHECKOUT --keep FILE"
         for row in rows
         if row.get("emulated")
     ]

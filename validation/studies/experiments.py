@@ -7,7 +7,6 @@ has the loop's default period.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -52,29 +51,10 @@ class Setup:
     reach: float = 1.0
     ellipse_scale: float = 1.0
 
-    def __init__(
-        self,
-        robot: str,
-        length: float,
-        period: float,
-        reach: float = 1.0,
-        ellipse_scale: float = 1.0,
-        shrink: float | None = None,
-    ) -> None:
-        if shrink is not None:
-            warnings.warn("shrink is called ellipse_scale", DeprecationWarning, stacklevel=2)
-            ellipse_scale = shrink
-        object.__setattr__(self, "robot", robot)
-        object.__setattr__(self, "length", number("length", length, lower=0.0))
-        above = {"period": period, "reach": reach, "ellipse_scale": ellipse_scale}
-        for name, value in above.items():
-            object.__setattr__(self, name, number(name, value, above=0.0))
-
-    @property
-    def shrink(self) -> float:
-        """The former name of `ellipse_scale`."""
-        warnings.warn("shrink is called ellipse_scale", DeprecationWarning, stacklevel=2)
-        return self.ellipse_scale
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "length", number("length", self.length, lower=0.0))
+        for name in ("period", "reach", "ellipse_scale"):
+            object.__setattr__(self, name, number(name, getattr(self, name), above=0.0))
 
     def ellipse(self, omega: float = 0.0) -> Ellipse:
         """The ellipse in the robot's size, traversed at `omega`.

@@ -165,7 +165,21 @@ def read_bodies(path: Path, *, floating: bool, mended: str = "") -> Tree:
             else:
                 place[joint.child] = (index, frame)
         front += [joint.child for joint in reversed(below.get(name, ()))]
+    _tie_to_the_first(bodies)
     return Tree(tuple(bodies), place, tuple(skipped))
+
+
+def _tie_to_the_first(bodies: list[Body]) -> None:
+    """Let each follower of a follower follow the first leader of the chain."""
+    joints = {body.joint.name: body.joint for body in bodies if body.joint is not None}
+    for body in bodies:
+        joint = body.joint
+        while joint is not None and joint.leader and (above := joints[joint.leader]).leader:
+            # m (n q + p) + o
+            offset = joint.multiplier * above.offset + joint.offset
+            multiplier = joint.multiplier * above.multiplier
+            joint = replace(joint, leader=above.leader, multiplier=multiplier, offset=offset)
+        body.joint = joint
 
 
 def _moving(joint: yourdfpy.Joint, parent: int, pose: np.ndarray) -> Body:

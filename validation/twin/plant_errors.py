@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -12,7 +11,6 @@ import numpy as np
 
 from softdyn import InputError
 from softdyn.checks import did_you_mean, instance, number
-from softdyn.validation.twin.borrowed import BorrowedShapes
 from softdyn.validation.twin.twin import Twin
 
 Factors = float | Mapping[str, float]
@@ -35,8 +33,6 @@ class PlantErrors:
         Dry friction of every joint (N m or N). It replaces the file's unless it is 0.
     soft_stops : bool
         Whether joint limits and dry friction are as soft as MuJoCo's defaults.
-    shapes : Path, optional
-        An MJCF file whose collision geometry replaces the robot's.
     mass, stiffness, damping : float or mapping of str to float
         Factors on all masses and moments of inertia (armature apart), on all springs, on all
         damping. A mapping has a factor for each joint that it names: on its spring, on its damping,
@@ -54,7 +50,6 @@ class PlantErrors:
     friction: bool = False
     dry_friction: float = 0.0
     soft_stops: bool = False
-    shapes: Path | None = None
     mass: Factors = 1.0
     stiffness: Factors = 1.0
     damping: Factors = 1.0
@@ -74,10 +69,10 @@ class PlantErrors:
         """`Twin` with these differences; its own options may add contacts and friction."""
         for name in ("contacts", "friction"):
             options[name] = options.get(name, False) or self.options()[name]
-        if self.shapes is None:
-            twin = Twin(*arguments, **options)
-        else:
-            twin = BorrowedShapes(self.shapes, *arguments, **options)
+        return self.applied(Twin(*arguments, **options))
+
+    def applied(self, twin: Twin) -> Twin:
+        """A twin with these numbers, changed in place."""
         model = twin.model
         if self.dry_friction:
             model.dof_frictionloss[:] = self.dry_friction
@@ -110,8 +105,7 @@ class PlantErrors:
     def options(self) -> dict[str, Any]:
         """The arguments of `simulate` that concern the plant."""
         friction = self.friction or self.dry_friction > 0
-        contacts = self.contacts or self.shapes is not None
-        return {"twin": self.twin, "contacts": contacts, "friction": friction}
+        return {"twin": self.twin, "contacts": self.contacts, "friction": friction}
 
 
 def multiplied(factors: Factors, by: float) -> Factors:

@@ -12,9 +12,6 @@ from softdyn.view.live.messages import OPEN_LOOP
 from softdyn.view.page import asset, scene_page
 from softdyn.view.scene import TENSION, Figure
 
-# text around three.js's own controls: their scope, and their result
-BEFORE, AFTER = "const DRAGGING = (THREE => {\n", "\nreturn THREE;\n})({...MeshCat.THREE});\n"
-
 
 def live_page(
     figure: Figure,
@@ -71,7 +68,7 @@ def live_page(
         "path": None if path is None else np.round(path, 5).tolist(),
     }
     own = partial(asset, room="softdyn.view.live")
-    controls = BEFORE + own("transform_controls.js") + AFTER
-    parts = (asset("figure.js"), controls, own("uplot.js"), own("live.js"))
-    style = asset("style.css") + own("uplot.css") + "\n" + own("live.css")
+    shared = (asset("figure.js"), asset("chart.js"))
+    parts = (*shared, own("handle.js"), own("live.js"))
+    style = asset("style.css") + own("live.css")
     return scene_page(own("live.html"), style, "\n</script>\n<script>\n".join(parts), scene)

@@ -83,6 +83,7 @@ class Player {
     STOPS = scene.tension;
     [this.viewer, this.stage] = openViewer(document.getElementById("pane"));
     this.find = name => document.getElementById(name);
+    this.curves = new Chart(this.find("curves"), new Linear(1e-9, 0));
     this.playing = false;
     this.speed = 1;
     this.time = 0;
@@ -316,26 +317,13 @@ class Player {
       event.preventDefault();
     });
   }
-  drawCurves() {  // the error over time behind the slider, on a common scale
-    const canvas = this.find("curves"), ratio = devicePixelRatio || 1;
-    [canvas.width, canvas.height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio];
-    const pen = canvas.getContext("2d");
-    pen.clearRect(0, 0, canvas.width, canvas.height);
-    const tracks = this.tracks.filter(t => t.aims && t.frames.length > 1);
-    const most = Math.max(1e-9, ...tracks.map(t => t.frames.reduce(
-      (m, f) => Math.max(m, t.error(f)), 0)));
-    for (const track of tracks) {
-      pen.strokeStyle = track.colour || "#2b6f9e";
-      pen.lineWidth = 1.4 * ratio;
-      pen.beginPath();
-      const every = Math.max(1, Math.floor(track.frames.length / 1500));
-      for (let i = 0; i < track.frames.length; i += every) {
-        const f = track.frames[i];
-        pen.lineTo(f[0] / (this.duration || 1) * canvas.width,
-          (0.95 - 0.9 * track.error(f) / most) * canvas.height);
-      }
-      pen.stroke();
-    }
+  drawCurves() {  // the error over time behind the slider
+    const curves = this.tracks.filter(track => track.aims && track.frames.length > 1).map(track => {
+      const slots = new Slots(["error"], this.duration || 1, 1000);
+      for (const frame of track.frames) slots.push(frame[0], {error: track.error(frame)});
+      return {...slots.column("error"), colour: track.colour || "#2b6f9e"};
+    });
+    this.curves.draw(curves, 0, this.duration || 1);
   }
 
   // -- the camera ----------------------------------------------------------------------------

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation.loop.labels import CONTROLLERS
-from softdyn.validation.paper.reproduction import CHANGES, ROBOTS
 from softdyn.validation.tables import Table
+from tests.proof.paper.reproduction import CHANGES, ROBOTS
 
+MEASURED = Path(__file__).parent / "measured"
+"""The committed figures of the documents, apart from those of the paper's table."""
 # controller → the gains that it uses
 USED = {
     "clf-qp": ("Kp", "eps", "w1", "rho"),
@@ -19,7 +23,7 @@ NAMES = ("Kp", "eps", "w1", "w2", "w3", "w4", "rho")
 
 
 def changes_table() -> str:
-    """The experiments of `softdyn reproduce`."""
+    """The experiments of `python -m tests.proof reproduce`."""
     rows = CHANGES.items()
     lines = [[f"`{name}`", c.what, c.source or "none: a change of ours"] for name, c in rows]
     return Table(["experiment", "what changes", "source"], lines).markdown()

@@ -1,8 +1,8 @@
 """The tables of the documents, written from the committed figures.
 
 In a document a table lies between ``<!-- table NAME: written by tests/proof/tables.py -->`` and
-``<!-- end of NAME -->``. Every figure comes from a file of ``validation/studies/measured``, which a
-command made. So a figure is the same in all documents.
+``<!-- end of NAME -->``. Every figure comes from a file of ``measured`` beside this one or in
+``validation/studies``, which a command made. So a figure is the same in all documents.
 """
 
 from __future__ import annotations
@@ -18,9 +18,7 @@ from softdyn import InputError
 from softdyn.validation.files import read_json, write_text
 from softdyn.validation.identification.trials import SHOWN
 from softdyn.validation.loop.labels import CONTROLLERS, ROBOTS, SYMBOLS, cell_title
-from softdyn.validation.paper import one_step
 from softdyn.validation.studies import benchmark, experiments
-from softdyn.validation.studies.benchmark import MEASURED
 from softdyn.validation.studies.benchmark_table import spread
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.distribution import (
@@ -36,8 +34,9 @@ from softdyn.validation.studies.engine.distribution import (
 from softdyn.validation.studies.sweep_report import REST
 from softdyn.validation.tables import Table
 from tests.proof import poses
-from tests.proof.documents.settings import changes_table, gains_table
+from tests.proof.documents.settings import MEASURED, changes_table, gains_table
 from tests.proof.estimates import forces
+from tests.proof.paper import one_step
 from tests.proof.safety import scenes
 
 MARKED = re.compile(
@@ -286,7 +285,7 @@ def _published() -> str:
     """Each published cell: the logs behind its mean, and the same runs by the emulation."""
     titles = ["cell", "published", "commit", "its logs", "emulated", "experiment", "same"]
     lines = []
-    for cell in _rows("published"):
+    for cell in benchmark.published_cells():
         made = benchmark.emulation(cell)
         emulated = list(made.values())
         runs = [one for one in emulated if one is not None]

@@ -13,7 +13,7 @@ EPILOG = """\
 Lengths have 0.5 mm of noise at 1 kHz, the camera 1 mm at 60 Hz, 30 ms late. At the end the error is
 compared with the filter's covariance, along the directions in which the tip can move: `inside`
 counts errors within the 95 % region, `near` those of at most 10 % of the force (its amplitude), or
-2 g. The rows go to validation/studies/measured/forces.json; then `python -m tests.proof tables`
+2 g. The rows go to tests/proof/documents/measured/forces.json; then `python -m tests.proof tables`
 writes the table.
 
 exit codes: 0 done; 2 bad input.
@@ -54,7 +54,7 @@ def command(arguments: cli.Arguments) -> int:
 
     from softdyn import InputError
     from softdyn.validation.files import read_json, write_json
-    from softdyn.validation.studies.benchmark import MEASURED
+    from tests.proof.documents.settings import MEASURED
 
     path = MEASURED / "forces.json"
     for robot in arguments.robots or ROBOTS:

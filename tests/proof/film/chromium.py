@@ -21,6 +21,7 @@ import numpy as np
 from PIL import Image
 
 from softdyn.exceptions import InputError
+from tests.support import PATIENCE
 
 CHROMIUM = (
     shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -129,7 +130,7 @@ class Browser:
             raise NotAnswered(json.dumps(answer["exceptionDetails"])[:2000])
         return answer["result"].get("value")
 
-    def until(self, script: str, timeout: float = 120.0) -> None:
+    def until(self, script: str, timeout: float = PATIENCE) -> None:
         """Wait until an expression is true."""
         end = time.monotonic() + timeout
         while not self.run(script):
@@ -179,7 +180,7 @@ class Browser:
         return np.asarray(Image.open(io.BytesIO(base64.b64decode(text))).convert("RGB"), int)
 
     def _call(
-        self, method: str, params: dict, session: object = True, timeout: float = 120.0
+        self, method: str, params: dict, session: object = True, timeout: float = PATIENCE
     ) -> Any:
         self._number += 1
         number = self._number

@@ -142,7 +142,7 @@ def _joints(robot: Robot, root: ElementTree.Element) -> Iterator[str]:
         yield from _close(f"rotation of {where}", joint.origin.rotation, rotation)
         if joint.kind == "fixed":
             continue
-        yield from _mimic(joint, element)
+        yield from _mimic(joint, {e.get("name", ""): e.find("mimic") for e in elements})
         axis = element.find("axis")
         vector = np.array([1.0, 0.0, 0.0]) if axis is None else _vector(axis, "xyz")
         yield from _close(f"axis of {where}", joint.axis, vector / np.linalg.norm(vector))
@@ -157,12 +157,16 @@ def _joints(robot: Robot, root: ElementTree.Element) -> Iterator[str]:
         yield from _same(f"armature of {where}", joint.armature, armature)
 
 
-def _mimic(joint: Joint, element: ElementTree.Element) -> Iterator[str]:
-    mimic = element.find("mimic")
-    said = None
-    if mimic is not None:
+def _mimic(joint: Joint, mimics: dict[str, ElementTree.Element | None]) -> Iterator[str]:
+    """A chain of followers is a composition of lines: the joint's is followed to its end."""
+    said: tuple[str, float, float] | None = None
+    mimic = mimics[joint.name]
+    while mimic is not None:
         multiplier = 1.0 if mimic.get("multiplier") is None else _float(mimic, "multiplier")
-        said = (mimic.get("joint"), multiplier, _float(mimic, "offset"))
+        offset, leader = _float(mimic, "offset"), mimic.get("joint", "")
+        _, m, o = said or ("", 1.0, 0.0)
+        said = (leader, m * multiplier, m * offset + o)
+        mimic = mimics[leader]
     mine = joint.mimic and (joint.mimic.leader, joint.mimic.multiplier, joint.mimic.offset)
     yield from _same(f"mimic of joint {joint.name[:30]!r}", mine, said)
 
@@ -178,7 +182,8 @@ def _springs(robot: Robot, root: ElementTree.Element) -> Iterator[str]:
     for element in root.findall("gazebo"):
         for tag, table in (("springStiffness", stiffness), ("springReference", rest)):
             for child in element.findall(tag):
-                table[element.get("reference", "")] = float("".join(child.itertext()))
+                text = child.get("value", "".join(child.itertext()))
+                table[element.get("reference", "")] = float(text)
     mine = {joint.name: joint.stiffness for joint in robot.joints}
     yield from _same("joint stiffness", mine, stiffness)
     yield from _same("joint rest", {joint.name: joint.rest for joint in robot.joints}, rest)

@@ -10,8 +10,8 @@ from typing import Any
 from softdyn.exceptions import SoftdynError
 from softdyn.validation.mjcf.comparison.result import QUANTITIES
 from softdyn.validation.mjcf.comparison.side import Side
-from softdyn.validation.mjcf.readers import ReaderVerdict, pinocchio_reads
 from softdyn.validation.tables import Table
+from tests.proof.mjcf.readers import ReaderVerdict, pinocchio_reads
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
 
-from softdyn.commands import converge
+from softdyn.commands import new
 from tests.proof.rods import closed_forms, tables
 from tests.proof.rods.closed_forms import Rod
 from tests.support import ROOT
@@ -131,7 +131,7 @@ def test_converge_a_file(tmp_path, capsys):
     file = tmp_path / "rod.toml"
     file.write_text(ROD)
     segments = ["--segments", "5", "10", "20", "40"]
-    assert converge.main([str(file), *segments, "--tolerance", "2e-3", "--json", "-"]) == 0
+    assert new.main([str(file), "--converge", *segments, "--tolerance", "2e-3", "--json", "-"]) == 0
     report = json.loads(capsys.readouterr().out)
     found = {row["quantity"]: row for row in report["quantities"]}
     assert len(found) == 2 + 3 + 1
@@ -141,5 +141,5 @@ def test_converge_a_file(tmp_path, capsys):
         assert found[name]["order"] == pytest.approx(2, abs=0.3)
     assert report["joints_needed"] in (12, 13, 14)  # at 14 the third mode is off by 1.5e-3
     file.write_text(THREE_SECTIONS)
-    assert converge.main([str(file), "--segments", "2", "200"]) == 2
+    assert new.main([str(file), "--converge", "--segments", "2", "200"]) == 2
     assert "two numbers up to 42" in capsys.readouterr().err

@@ -1,6 +1,9 @@
-"""Step times compared with another version of softdyn, and by the size of a robot.
+"""The time of a control step, and its measurement.
 
-- `comparison`: two versions in alternating processes, and the ratio with its interval;
-- `step_scaling`, `chains`, `growth`: a step on generated chains of n joints and m inputs;
-- `checkout`: another checkout's softdyn, imported and timed in a separate process.
+- `step_time`: one step, its parts, the floor below it, the paper's stack; rounds
+- `recording`: closed-loop states on which steps are timed
+- `step_report`, `step_figures`: tables, the machine, and the figure of the parts
+- `hostile`: states and references with numbers that no sensor should send
+- `comparison`, `checkout`: this checkout against another, in alternating processes
+- `step_scaling`, `chains`, `growth`: the step by the size of a robot
 """

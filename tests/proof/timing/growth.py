@@ -18,7 +18,7 @@ from softdyn.validation.report.plot_style import (
     panels,
     style,
 )  # fmt: skip
-from softdyn.validation.report.step_figures import save_with_legend
+from tests.proof.timing.step_figures import save_with_legend
 
 
 def growth(scaling: dict[str, list[dict[str, Any]]], path: Path) -> list[Path]:

@@ -13,9 +13,9 @@ import softdyn
 from softdyn import SoftModel
 from softdyn.controllers import Gains, SoftIdClfQp
 from softdyn.validation.studies import experiments
-from softdyn.validation.timing.recording import record
-from softdyn.validation.timing.step_time import Subject, measure
 from tests.proof.timing.chains import chain_urdf
+from tests.proof.timing.recording import record
+from tests.proof.timing.step_time import Subject, measure
 
 JOINTS, INPUTS = (4, 8, 16, 27, 48, 72, 100, 150, 200), (1, 2, 3, 6, 9, 12, 16, 24)
 FIXED_INPUTS, FIXED_JOINTS = 3, 48  # along the other axis

@@ -9,9 +9,9 @@ import pytest
 
 import softdyn
 from softdyn.controllers import SoftIdClfQp
-from softdyn.validation.timing.recording import record
 from tests.proof import compare_steps
 from tests.proof.timing import comparison
+from tests.proof.timing.recording import record
 
 
 @pytest.fixture

@@ -22,8 +22,7 @@ from softdyn.validation.live.playing import drive, open_play_page
 from softdyn.validation.live.session import Session
 from softdyn.view.live.messages import OPEN_LOOP
 from softdyn.view.live.pacing import Clock
-
-LONG = 120.0  # s, on a busy machine
+from tests.support import PATIENCE
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +51,7 @@ def join(channel, url=None, origin=None):
 async def news(link, key):
     """The next text message with this key."""
     while True:
-        got = await asyncio.wait_for(link.read_message(), LONG)
+        got = await asyncio.wait_for(link.read_message(), PATIENCE)
         assert got is not None, "the server has ended"
         if isinstance(got, str) and key in json.loads(got):
             return json.loads(got)
@@ -81,7 +80,7 @@ async def told(link, key, value):
 
 def heard(channel, last):
     """The messages that the loop reads until one of this kind arrives."""
-    end, found = time.monotonic() + LONG, []
+    end, found = time.monotonic() + PATIENCE, []
     while last not in (type(message).__name__ for message in found):
         assert time.monotonic() < end, found
         found += channel.messages()
@@ -107,7 +106,7 @@ def test_it_is_on_loopback_and_wants_its_token(channel):
 
 def test_a_body_is_refused_before_it_is_read(channel):
     host, port = "127.0.0.1", int(channel.url.split(":")[2].split("/")[0])
-    with socket.create_connection((host, port), timeout=LONG) as link:
+    with socket.create_connection((host, port), timeout=PATIENCE) as link:
         link.sendall(
             f"POST / HTTP/1.1\r\nHost: {host}\r\nContent-Length: 95000000\r\n\r\n".encode()
         )
@@ -197,7 +196,7 @@ def test_an_old_state_does_not_overtake_a_new_one(session):
         channel.frame(session.frame())
         seen: list[object] = []
         while "new" not in seen or not isinstance(seen[-1], bytes):  # frames come last
-            got = await asyncio.wait_for(link.read_message(), LONG)
+            got = await asyncio.wait_for(link.read_message(), PATIENCE)
             seen.append(got if isinstance(got, bytes) else json.loads(got)["state"].get("notice"))
         link.close()
         return seen
@@ -216,13 +215,13 @@ def test_what_is_shown_last_arrives_and_so_does_a_page_to_keep(session):
         await told_state(link, "moving")
         frame = None
         while not isinstance(frame, bytes):
-            frame = await asyncio.wait_for(link.read_message(), LONG)
+            frame = await asyncio.wait_for(link.read_message(), PATIENCE)
         channel.state({"notice": "done"})
         channel.leave("<p>the run</p>" + " " * 2_000_000)
         closing = asyncio.create_task(asyncio.to_thread(channel.close))
         await told_state(link, "done")
         kept = (await news(link, "replay"))["replay"]
-        assert await asyncio.wait_for(link.read_message(), LONG) is None
+        assert await asyncio.wait_for(link.read_message(), PATIENCE) is None
         await closing
         return np.frombuffer(frame, "<f4"), kept
 
@@ -281,7 +280,7 @@ def test_a_page_that_does_not_read_delays_nothing_and_others_see_frames(channel,
             channel.frame(frame)
             got: str | bytes = ""
             while not isinstance(got, bytes):
-                got = await asyncio.wait_for(link.read_message(), LONG)
+                got = await asyncio.wait_for(link.read_message(), PATIENCE)
             link.close()
             return got
 
@@ -366,7 +365,7 @@ def test_there_is_room_for_sixteen_pages(channel):
         others = [await join(channel) for _ in range(15)]
         await told(first, "pages", 16)
         last = await join(channel)
-        assert await asyncio.wait_for(last.read_message(), LONG) is None
+        assert await asyncio.wait_for(last.read_message(), PATIENCE) is None
         assert (last.close_code, last.close_reason) == (1013, "too many pages")
         others.pop().close()
         await told(first, "pages", 15)

@@ -18,7 +18,7 @@ from softdyn.validation import Rig, paper, play
 from softdyn.validation.live.watching import open_watch_page, watch
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.report.replay import replay
-from tests.support import SCRIPTS, micro, winched
+from tests.support import PATIENCE, SCRIPTS, micro, winched
 from tests.support.browser import Browser, required
 
 pytestmark = required()
@@ -42,7 +42,7 @@ def url(tmp_path_factory):
     try:
         yield process.stdout.readline().strip()
         process.terminate()
-        assert process.wait(120) == 0
+        assert process.wait(PATIENCE) == 0
     finally:
         process.kill()
 
@@ -107,18 +107,46 @@ def test_the_target_follows_the_mouse_and_the_tip_the_target(browser):
     before = vector(browser, "y_ref")
     goal = before + np.array([0.06, 0.0, 0.05])
     browser.drag(on_screen(browser, before), on_screen(browser, goal))
-    browser.until("!softdyn.gizmo.dragging")
+    browser.until("!softdyn.handle.dragging")
     browser.until(f"Math.abs(softdyn.part(softdyn.last, 'y_ref')[0] - {goal[0]}) < 0.006")
     now = vector(browser, "y_ref")
     assert now[1] == pytest.approx(before[1], abs=1e-6)
     np.testing.assert_allclose(now, goal, atol=0.006)  # a pixel is about a millimetre
-    browser.until("softdyn.history.error.slice(-20).every(e => e < 0.05)")  # cm
+    browser.until("softdyn.recent[0].column('error').most.slice(-20).every(e => e < 0.05)")  # cm
 
     browser.drag(
         on_screen(browser, now), on_screen(browser, now + np.array([0, 0.05, 0])), shift=True
     )
     browser.until("Math.abs(softdyn.part(softdyn.last, 'y_ref')[1] - 0.05) < 0.015")
     np.testing.assert_allclose(vector(browser, "y_ref")[[0, 2]], now[[0, 2]], atol=1e-6)
+
+
+def test_a_drag_leaves_the_camera_alone_and_a_finger_moves_the_target_in_depth(browser):
+    camera = "softdyn.viewer.camera.position.toArray()"
+    before, seen = vector(browser, "y_ref"), browser.run(camera)
+    arrow = before + np.array([0, 0.15 * browser.run("softdyn.size"), 0])
+    start, end = on_screen(browser, arrow), on_screen(browser, arrow + np.array([0, 0.05, 0]))
+    touch(browser, "touchStart", start)
+    touch(browser, "touchStart", start, [100, 300])  # another finger beside the robot
+    for part in (0.5, 1.0):
+        at = [a + part * (b - a) for a, b in zip(start, end, strict=True)]
+        touch(browser, "touchMove", at, [100 + 50 * part, 300])
+        browser.settle()
+    touch(browser, "touchEnd")
+    browser.until("!softdyn.handle.dragging")
+    browser.until(f"softdyn.part(softdyn.last, 'y_ref')[1] > {before[1]} + 0.03")
+    now = vector(browser, "y_ref")
+    assert now[1] == pytest.approx(before[1] + 0.05, abs=0.015)
+    np.testing.assert_allclose(now[[0, 2]], before[[0, 2]], atol=1e-6)
+    assert browser.run(camera) == seen
+    browser.drag([100, 300], [160, 300])
+    assert np.linalg.norm(np.subtract(browser.run(camera), seen)) > 0.01
+    browser.key("f")
+
+
+def touch(browser, kind, *points):
+    places = [{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(points)]
+    browser._call("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places})
 
 
 def test_a_pushed_link_deflects_and_returns(browser):
@@ -184,7 +212,7 @@ def test_a_page_that_loses_command_while_it_drags_lets_go(browser, url):
         link = await websocket_connect(url.replace("http:", "ws:").replace("/?", "/live?"))
         await link.write_message('{"do": "lead"}')
         await asyncio.to_thread(browser.until, "!softdyn.leads")
-        found = browser.run("[softdyn.gizmo.dragging, softdyn.held]")
+        found = browser.run("[softdyn.handle.dragging, softdyn.held]")
         link.close()
         await asyncio.to_thread(browser.until, "softdyn.leads")
         return found
@@ -192,7 +220,7 @@ def test_a_page_that_loses_command_while_it_drags_lets_go(browser, url):
     at = on_screen(browser, vector(browser, "y_ref"))
     browser.press(at)
     browser.move([at[0] + 20, at[1]])
-    browser.until("softdyn.gizmo.dragging")
+    browser.until("softdyn.handle.dragging")
     assert asyncio.run(take_over()) == [False, None]
     browser.lift([at[0] + 20, at[1]])
     goal = (vector(browser, "y_ref") + np.array([-0.01, 0, 0.01])).tolist()
@@ -235,6 +263,7 @@ def test_a_watched_run_leaves_a_page_that_replays_it(other, tmp_path):
     plots, (panel,) = other.run(right % ".plot canvas"), other.run(right % "#side")
     assert len(plots) > 4
     assert max(plots) < panel  # the newest part is not cut off
+    assert other.console == []
 
 
 def test_sliders_explore_rests(other, tmp_path):
@@ -252,7 +281,7 @@ def test_sliders_explore_rests(other, tmp_path):
         page.until("softdyn.readouts.rest.value == 'joints by hand'")
         assert vector(page, "q")[1] == pytest.approx(0.5, abs=1e-6)
         assert not page.run("softdyn.ellipsoid.visible")
-        # plots hold the last 12 s, every line of them
+        # plots have the last 12 s, every line of them
         lengths = page.run("""(() => {
           softdyn.link.onmessage = null;
           for (let k = 0; k < 400; k++) {
@@ -261,13 +290,15 @@ def test_sliders_explore_rests(other, tmp_path):
             frame[softdyn.scene.columns.V[0]] = k;
             softdyn.take(frame);
           }
-          const {t, V, u0} = softdyn.history;
-          return [t.length, V.length, u0.length, t.at(-1) - t[0], V.at(-1)];
+          const [last, ...lines] = ["V", "u0"].map(name => softdyn.recent[0].column(name));
+          const since = last.t.findIndex(t => t >= last.t.at(-1) - 12), t = last.t.slice(since);
+          return [t.length, last.most.slice(since).length, lines[0].least.slice(since).length,
+            t.at(-1) - t[0], last.most.at(-1)];
         })()""")
         assert lengths == [241, 241, 241, 12, 399]
         assert page.console == []
         process.terminate()
-        assert process.wait(120) == 0
+        assert process.wait(PATIENCE) == 0
     finally:
         process.kill()
 
@@ -314,15 +345,14 @@ def test_a_pose_is_moved_and_turned_by_the_mouse(other):
         np.testing.assert_allclose(moved[3:], before[3:], atol=1e-6)
 
         other.key("t")
-        other.until("softdyn.gizmo.mode == 'rotate'")
-        other.pixels("canvas")  # the rings are placed as they are drawn
+        other.until("softdyn.handle.turns")
         ring = other.run("""(() => {
-          const g = softdyn.gizmo, c = g.worldPosition.clone().project(softdyn.viewer.camera);
-          const shape = innerHeight / innerWidth, found = [];
-          for (let r = 0.05; r < 0.4; r += 0.01) for (let a = 0; a < 6; a += 0.1) {
-            const x = c.x + r * Math.cos(a) * shape, y = c.y + r * Math.sin(a);
-            g.pointerHover({x, y, button: -1});
-            if (g.axis == "Y") found.push([(x + 1) / 2 * innerWidth, (1 - y) / 2 * innerHeight]);
+          const c = softdyn.target.getWorldPosition(new T.Vector3()).project(softdyn.viewer.camera);
+          const [x, y] = [(c.x + 1) / 2 * innerWidth, (1 - c.y) / 2 * innerHeight], found = [];
+          for (let r = 10; r < 130; r += 3) for (let a = 0; a < 6; a += 0.1) {
+            const at = [x + r * Math.cos(a), y - r * Math.sin(a)];
+            const part = softdyn.handle.at({clientX: at[0], clientY: at[1]});
+            if (part && part.name == "y") found.push(at);
           }
           return found; })()""")
         other.drag(ring[-1], ring[len(ring) // 2])
@@ -335,9 +365,9 @@ def test_a_pose_is_moved_and_turned_by_the_mouse(other):
         assert other.run("softdyn.readouts.goals[0].value").endswith("°")
 
         other.key("n")
-        other.until("softdyn.aim.name == 'link2.axis' && softdyn.gizmo.mode == 'rotate'")
+        other.until("softdyn.aim.name == 'link2.axis' && softdyn.handle.turns")
         other.run("""(softdyn.target.quaternion.multiply(new T.Quaternion().setFromAxisAngle(
-          new T.Vector3(1, 0, 0), 0.5)), softdyn.gizmo.dispatchEvent({type: "objectChange"}), 1)""")
+          new T.Vector3(1, 0, 0), 0.5)), softdyn.handle.changed(), 1)""")
         way = turned[6:]
         other.until("Math.hypot(...softdyn.part(softdyn.last, 'targets').slice(6)"
                     f".map((x, i) => x - {way.tolist()}[i])) > 0.4")  # fmt: skip

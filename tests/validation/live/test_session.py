@@ -216,6 +216,9 @@ def test_a_law_that_breaks_pauses_and_says_why(model):
     assert session.t == pytest.approx(session.period)  # it was not moved by no input
     run(session, session.period)
     assert "IndexError" in session.shown.notice
+    begin, place, *_, end = session.trace.splitlines()
+    assert (begin, end) == ("Traceback (most recent call last):", "IndexError: pop from empty list")
+    assert f'File "{__file__}"' in place
     session.apply(m.SetController(OPEN_LOOP))
     session.apply(m.Pause(False))
     run(session, 0.1)
@@ -271,31 +274,41 @@ def test_what_pages_show_is_said_again_only_when_it_has_changed(model):
     assert session.changed
 
 
+class Told:
+    """A channel without pages, which keeps what it is told."""
+
+    ended = False
+
+    def __init__(self, *messages):
+        self.said, self.shown, self.errors = messages, (), ()
+
+    def messages(self):
+        said, self.said = self.said, ()
+        return iter(said)
+
+    def state(self, shown):
+        self.shown = (*self.shown, shown)
+
+    def error(self, text):
+        self.errors = (*self.errors, text)
+
+    def frame(self, row):
+        pass
+
+
+def test_an_error_in_own_code_is_traced_once(model):
+    session, said, turns = make(model, "bad", {"bad": Bad}), [], iter(range(20))
+    for _ in range(3):  # the third answer is missing
+        session.apply(m.SingleStep())
+    drive(session, Told(), Clock(session.period), lambda: next(turns, None) is None, said.append)
+    (text,) = said
+    assert text.endswith("IndexError: pop from empty list\n")
+
+
 def test_a_law_that_is_chosen_late_says_so_and_costs_no_period(model):
     """Its kernels are compiled before its first step, and the page shows a notice meanwhile."""
-
-    class Told:
-        ended, said, shown, errors = (
-            False,
-            (m.SetController("ic"), m.SetController("stubborn")),
-            (),
-            (),
-        )
-
-        def messages(self):
-            said, self.said = self.said, ()
-            return iter(said)
-
-        def state(self, shown):
-            self.shown = (*self.shown, shown)
-
-        def error(self, text):
-            self.errors = (*self.errors, text)
-
-        def frame(self, row):
-            pass
-
-    session, channel = make(model, OPEN_LOOP, {"stubborn": Stubborn}), Told()
+    session = make(model, OPEN_LOOP, {"stubborn": Stubborn})
+    channel = Told(m.SetController("ic"), m.SetController("stubborn"))
     clock = Clock(session.period)
     drive(session, channel, clock, lambda: clock.periods > 2)
     busy = [(one["law"], one["busy"].partition(":")[0]) for one in channel.shown]

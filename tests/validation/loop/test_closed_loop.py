@@ -287,6 +287,42 @@ def test_a_controllers_exceptions_pass(cart):
         simulate(cart, controller, TARGET)
 
 
+@pytest.mark.parametrize("kind", [ZeroDivisionError, KeyboardInterrupt, SystemExit])
+@pytest.mark.parametrize("where", ["controller", "reference", "on_step"])
+def test_an_exception_has_the_run_so_far(cart, kind, where):
+    calls = []
+
+    def fail():
+        calls.append(1)
+        if len(calls) > 4:
+            raise kind("mine")
+
+    def controller(state, reference):
+        if where == "controller":
+            fail()
+        return SimpleNamespace(u=[0.5])
+
+    def reference(t):
+        if where == "reference":
+            fail()
+        return TARGET(t)
+
+    seen = (lambda *_: fail()) if where == "on_step" else None
+    with pytest.raises(kind, match="mine") as caught:
+        simulate(cart, controller, reference, duration=0.1, period=0.01, on_step=seen)
+    log, whole = caught.value.log, simulate(cart, push(0.5), TARGET, duration=0.1, period=0.01)
+    done = len(log.u)
+    # a reference is called once before the run, and before its sample is recorded
+    late = where == "reference"
+    assert done == (2 if late else 4)
+    assert (log.complete, log.failed, log.controller) == (False, True, "controller")
+    for name in ("t", "q", "v", "y", "error"):
+        np.testing.assert_array_equal(getattr(log, name), getattr(whole, name)[: done + 1])
+    np.testing.assert_array_equal(log.u, whole.u[:done])
+    why = "interrupted" if kind is KeyboardInterrupt else f"{kind.__name__}: mine"
+    assert log.reason == f"the run ended at t = {(done + late) / 100:g} s: {why}"
+
+
 def test_on_step_sees_every_step(cart):
     seen = []
     log = simulate(

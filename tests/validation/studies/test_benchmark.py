@@ -19,8 +19,8 @@ from softdyn.validation.processes import WorkerKilled, in_processes
 from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.engine import sources, store
 from softdyn.validation.studies.engine.case import Case, number_text
-from tests.support import ROOT, SCRIPTS
-from tests.support.command import command
+from tests.support import PATIENCE, ROOT, SCRIPTS
+from tests.support.command import command, of_itself
 
 SCRIPT = SCRIPTS / "benchmark.py"
 OWN = """
@@ -55,7 +55,8 @@ class Interrupts(Push):
     def __call__(self, state, reference):
         try:
             open("sent", "x").close()
-            os.kill(os.getppid(), signal.SIGINT)
+            for _ in range(3):  # an impatient user; a terminal sends it to the whole group
+                os.killpg(os.getpgrp(), signal.SIGINT)
         except FileExistsError:
             pass
         return super().__call__(state, reference)
@@ -78,7 +79,6 @@ ARM = """<robot name="finger">
 GRID = ["--robots", "finger", "--thetas", "--omegas", "20", "25", "40"]
 CONTROLLERS = ["--controllers", "soft-id-clf-qp", "own.py:Push"]
 CASES = 6
-PATIENCE = 300.0  # s, on a busy machine
 
 
 @pytest.fixture
@@ -234,6 +234,11 @@ def test_a_log_of_another_run_is_no_log(call, reference):
 # --- interrupted --------------------------------------------------------------------------------
 
 
+def said(errors):
+    """The lines on stderr without a user's own words and the notice of a cold cache."""
+    return [line for line in of_itself(errors).splitlines() if line != "a user's own words"]
+
+
 def test_killed_half_way(call, reference):
     process = start(*GRID, *CONTROLLERS, "--out", "out")
     deadline = time.monotonic() + PATIENCE
@@ -255,19 +260,19 @@ def test_a_killed_worker(folder):
     text, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
     assert text == ""
-    (line,) = [line for line in errors.splitlines() if line and "own words" not in line]
+    (line,) = said(errors)
     assert line.startswith("error: a process was killed")
     assert stamps("out") == {}
 
 
 def test_interrupted(folder):
-    process = start(*GRID, "--controllers", "own.py:Interrupts", "--out", "out")
+    given = ("--controllers", "own.py:Interrupts", "--out", "out")
+    process = start(*GRID, *given, start_new_session=True)
     text, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130, errors
     assert text == ""
-    assert [line for line in errors.splitlines() if line and "own words" not in line] == [
-        "error: interrupted"
-    ]
+    assert said(errors) == ["error: interrupted"]
+    assert errors.endswith("error: interrupted\n")
 
 
 def test_workers_end_with_their_parent():

@@ -121,17 +121,10 @@ def test_rates_without_two_cycles_are_refused(omega):
         paper.tracking("finger", omega=omega)
 
 
-def test_the_ellipses_scale_has_a_former_name():
-    with pytest.warns(DeprecationWarning, match="ellipse_scale"):
-        setup = paper.Setup("mine", 0.24, 0.005, shrink=0.7)
-    assert setup == paper.Setup("mine", 0.24, 0.005, ellipse_scale=0.7)
-    assert setup.ellipse() == Ellipse(0.7 * 0.08, 0.7 * 0.03, 0.21)
-    with pytest.warns(DeprecationWarning, match="ellipse_scale"):
-        assert setup.shrink == 0.7
-
-
 def test_an_own_setup():
     setup = paper.Setup("mine", 0.24, 0.005)
+    smaller = paper.Setup("mine", 0.24, 0.005, ellipse_scale=0.7)
+    assert smaller.ellipse() == Ellipse(0.7 * 0.08, 0.7 * 0.03, 0.21)
     finger = paper.set_point("finger", 0.5)
     assert setup.set_point(0.5).reference(0).y.tolist() == finger.reference(0).y.tolist()
     target = setup.target([0.1, 0.0, -0.1])

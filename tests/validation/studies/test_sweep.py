@@ -15,7 +15,7 @@ from softdyn.controllers import Gains
 from softdyn.validation import Log, paper, simulate
 from softdyn.validation.studies import sweep, sweep_report
 from softdyn.validation.studies.engine import executors, fingerprint, worker
-from tests.support import SCRIPTS
+from tests.support import PATIENCE, SCRIPTS
 from tests.support.sweeps import FINGER, OWN, OWN_SWEEP, contents, results, wait_for
 
 # -- what it leaves behind -------------------------------------------------------------------------
@@ -57,18 +57,17 @@ def test_results_are_those_of_simulate(folder, call):
 
 def test_a_failing_case_is_recorded_and_stops_nothing(folder, call):
     (folder / "sweep.toml").write_text(OWN_SWEEP.format(stiffness="[1, 13, 2, 3, 66, -2]"))
-    code, out, _ = call(folder / "sweep.toml", "--out", "out", "--jobs", 2, "--json", "-")
-    assert code == 1  # one could not be run
+    code, out, err = call(folder / "sweep.toml", "--out", "out", "--jobs", 2, "--json", "-")
+    assert code == 1  # one raised, and one could not be run
     report = json.loads(out)
     assert report["outcomes"]["raised"] == report["outcomes"]["not_run"] == 1
     found = {r["inputs"]["gains"]["stiffness"]: r for r in results(Path("out"))}
     assert len(found) == 6
     assert found[13.0]["outcome"] == "raised"
     line = 1 + OWN.splitlines().index('            raise ZeroDivisionError("thirteen")')
-    assert (
-        f"own.py:Spring: expected a command, got ZeroDivisionError in line {line}: thirteen"
-        in (found[13.0]["reason"])
-    )
+    assert found[13.0]["reason"] == f"own.py:{line}: ZeroDivisionError: thirteen"
+    assert f'Traceback (most recent call last):\n  File "{folder}/own.py", line {line}, in' in err
+    assert err.endswith("\nZeroDivisionError: thirteen\n")
     assert (found[66.0]["outcome"], found[66.0]["reason"]) == ("not_run", executors.DIED)
     assert {found[k]["outcome"] for k in (1.0, 2.0, 3.0)} == {"done"}
     assert found[-2.0]["outcome"] == "failed"
@@ -157,7 +156,7 @@ def test_neither_an_interruption_nor_the_number_of_workers_changes_a_byte(folder
         already = len(results(Path("out")))
         wait_for(lambda n=already: len(list(Path("out").rglob("cases/**/*.json"))) > n + 5)
         process.send_signal(end)
-        _, err = process.communicate(timeout=20)
+        _, err = process.communicate(timeout=PATIENCE)
         if process.returncode == 0:  # finished before the kill
             break
         assert process.returncode == expected

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import softdyn
 from softdyn.actuation import Winches
-from softdyn.description.rig import CommandKind, SensorKind
+from softdyn.description.rig import CommandKind, Sensor, SensorKind
 from softdyn.validation import Rig, Twin, rollout
 from softdyn.validation.twin.readings import Readings
 from softdyn.validation.twin.state_map import StateMap
 from tests.proof.crosschecks.random_robots import write_robot
-from tests.support import cart
+from tests.support import cart, micro, winched
 from tests.support.micro import FLOATING, write
 from tests.support.rigged import measured, wound
 
@@ -69,3 +70,22 @@ def test_a_late_camera_begins_with_the_start_and_reads_at_its_rate(tmp_path) -> 
     )
     true = np.interp(log.t[rows] - 0.03, log.t, log.y[:, 0])
     assert np.abs(seen[rows, 0] - true)[1:].max() < 5e-3
+
+
+def test_errors_of_a_pose_turn_about_the_sensors_own_axes(tmp_path) -> None:
+    model = softdyn.load(micro.write(tmp_path, winched.ARM))
+    camera = Sensor("camera", SensorKind.POSE, link="tip", noise=(0, 0, 0, 0.1, 0, 0),
+                    bias=(0, 0, 0, 0, 0, 0.3))  # fmt: skip
+    twin = Twin(Rig(sensors=(camera,)).robot(model.robot), rig=True)
+    q, v = np.array([0.7, 0.5]), np.zeros(2)  # about y, by 1.2 rad
+    twin.set_state(*StateMap(model, twin).to_twin(q, v))
+    mujoco.mj_forward(twin.model, twin.data)
+    readings = Readings(twin, 3)
+    turns = []
+    for _ in range(5):
+        measured, true = readings()
+        turned = pin.exp3(true[3:]).T @ pin.exp3(measured[3:])
+        turns.append(pin.log3(turned))
+    assert np.linalg.norm(true[3:]) == pytest.approx(1.2)
+    np.testing.assert_allclose(np.array(turns)[:, 1:], [[0, 0.3]] * 5, atol=1e-12)
+    assert np.std(np.array(turns)[:, 0]) > 0.02

@@ -7,6 +7,7 @@ import pytest
 
 import softdyn
 from softdyn import SetPoint
+from softdyn.actuation import Winches
 from softdyn.validation import Rig, simulate
 from softdyn.validation.twin.rig import RiggedPlant
 from softdyn.validation.twin.twin import Twin
@@ -66,3 +67,17 @@ def test_the_plant_gets_the_delayed_input_in_the_middle_of_a_period() -> None:
         by_hand.advance(u, steps)
     np.testing.assert_array_equal(plant.twin.qpos, by_hand.qpos)
     np.testing.assert_array_equal(plant.twin.qvel, by_hand.qvel)
+
+
+def test_a_velocity_leads_to_the_free_length_in_one_period(tmp_path) -> None:
+    model, period = softdyn.load(micro.write(tmp_path, winched.ARM)), 0.01
+    rig = Rig(command="velocity", stiffness=600.0, lag=0.0, delay=0.0)
+    plant = RiggedPlant(rig, model, period, timestep=5e-4)
+    state = model.state(np.array([0.2, -0.1]), np.array([0.5, 0.3]))
+    plant.start(state)
+    plant.see(state)
+    before, u = plant.twin.free_lengths.copy(), np.array([40.0, 10.0])
+    plant.advance(u, 20)
+    wanted = Winches(model, plant.twin.robot.actuators).commands(state, u)
+    assert np.abs(wanted - before).min() > 0.01
+    np.testing.assert_allclose(plant.twin.free_lengths, wanted, rtol=1e-9)

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from softdyn.description.inertia import Inertia
-from softdyn.validation.mjcf.comparison.finding import Finding
+from softdyn.validation.mjcf.comparison.finding import Finding, differ, share
 from softdyn.validation.mjcf.comparison.matching import plain_name
 from softdyn.validation.mjcf.comparison.neutral import Neutral, Part
 
@@ -24,13 +24,15 @@ def find_body(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
     ours, theirs = _pieces(one), _pieces(other)
     if ours.keys() == theirs.keys() and len(ours) > 1:
         for key in ours:
-            yield from _piece(k, key, *ours[key], theirs[key][1])
+            yield from _piece(k, key, *ours[key], theirs[key][1], a.extent(k))
         return
     where = one.link or one.name
-    if (blamed := _one_piece(k, one, other)) is not None:
+    if (blamed := _one_piece(k, one, other, a.extent(k))) is not None:
         yield from blamed
         return
-    yield from _differences(where, one.inertia, other.inertia, lambda inertia: _lump(k, inertia))
+    yield from _differences(
+        where, one.inertia, other.inertia, lambda inertia: _lump(k, inertia), a.extent(k)
+    )
 
 
 def _pieces(part: Part) -> dict[str, tuple[str, Inertia]]:
@@ -48,7 +50,9 @@ def _lump(k: int, inertia: Inertia) -> Callable[[Neutral], Neutral]:
     return repair
 
 
-def _piece(k: int, key: str, name: str, one: Inertia, other: Inertia) -> Iterator[Finding]:
+def _piece(
+    k: int, key: str, name: str, one: Inertia, other: Inertia, extent: float
+) -> Iterator[Finding]:
     """Findings on one of several links that are fixed to each other."""
 
     def put(inertia: Inertia) -> Callable[[Neutral], Neutral]:
@@ -62,7 +66,7 @@ def _piece(k: int, key: str, name: str, one: Inertia, other: Inertia) -> Iterato
 
         return repair
 
-    yield from _differences(name, one, other, put)
+    yield from _differences(name, one, other, put, extent)
 
 
 def _alike(one: Inertia, other: Inertia, slack: float = 1e-12) -> bool:
@@ -85,7 +89,7 @@ def _same_centre(one: Inertia, other: Inertia) -> bool:
     return gap <= 1e-9 * (float(np.linalg.norm(one.com)) + 1e-3)
 
 
-def _one_piece(k: int, one: Part, other: Part) -> list[Finding] | None:
+def _one_piece(k: int, one: Part, other: Part, extent: float) -> list[Finding] | None:
     """The finding on one link that explains how two lumped bodies differ; None if none does."""
     for part, whole, swapped in ((one, other.inertia, False), (other, one.inertia, True)):
         if len(part.pieces) < 2:
@@ -108,7 +112,7 @@ def _one_piece(k: int, one: Part, other: Part) -> list[Finding] | None:
                 if changed.mass >= 0 and _alike(rest + changed, whole, 1e-9):
                     pair = (changed, piece) if swapped else (piece, changed)
                     where = name or part.link or part.name
-                    return list(_differences(where, *pair, partial(_welded, k, rest)))
+                    return list(_differences(where, *pair, partial(_welded, k, rest), extent))
     return None
 
 
@@ -117,22 +121,27 @@ def _differences(
     one: Inertia,
     other: Inertia,
     put: Callable[[Inertia], Callable[[Neutral], Neutral]],
+    extent: float,
 ) -> Iterator[Finding]:
     """Findings on mass, centre, inertia of one body; `put` turns an inertia into a repair."""
     if abs(one.mass - other.mass) > NOTHING * max(one.mass, other.mass):
         change = f"{100 * (other.mass / one.mass - 1):+.3g} %" if one.mass else "of nothing"
         kept = Inertia(one.mass, other.com, other.tensor)
-        yield Finding("mass", where, (one.mass, other.mass), change, put(kept))
+        printed = differ(one.mass, other.mass)
+        yield Finding("mass", where, (one.mass, other.mass), change, put(kept), printed=printed)
     gap = float(np.linalg.norm(one.com - other.com))
     if one.mass and gap > NOTHING:
         values = vector(one.com), vector(other.com)
         kept = Inertia(one.mass, one.com, other.tensor)
-        yield Finding("centre", where, values, f"{1e3 * gap:.4g} mm apart", put(kept))
+        yield Finding(
+            "centre", where, values, f"{1e3 * gap:.4g} mm apart", put(kept),
+            printed=share(gap, extent),
+        )  # fmt: skip
     scale = float(np.linalg.norm(one.tensor))
-    if float(np.linalg.norm(one.tensor - other.tensor)) > NOTHING * scale:
+    if (gap := float(np.linalg.norm(one.tensor - other.tensor))) > NOTHING * scale:
         tensors = _tensor(one), _tensor(other)
         change = _turned_or_scaled(one, other) if one.mass else "of nothing"
-        yield Finding("inertia", where, tensors, change, put(one))
+        yield Finding("inertia", where, tensors, change, put(one), printed=share(gap, scale))
 
 
 def _tensor(body: Inertia) -> list[float]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import time
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
+from softdyn.checks import number
 from softdyn.exceptions import InputError
 from softdyn.validation.mjcf.comparison.finding import KINDS, Finding, Turns
 from softdyn.validation.mjcf.comparison.geometry import find_geometry
@@ -28,6 +30,7 @@ from softdyn.validation.mjcf.comparison.terms import States, Terms, evaluate, ra
 # kinds that affect M, bias, g or a tip; others are measured only by their values
 DYNAMIC = KINDS[: KINDS.index("gravity") + 1]
 LIGHTEST = 1e-6  # least inertia of a motion whose joints have inertia 1; smaller ones are rounding
+ROUNDING = 1e-5  # relative: two files with six significant digits differ by so much at most
 NAMED = 1e-6  # smallest effect, or relative difference of a value, of a named cause
 
 
@@ -38,6 +41,7 @@ def compare(
     mapping: dict[str, str] | None = None,
     strict: bool = False,
     repair_inertia: bool = False,
+    tolerance: float | None = None,
     samples: int = 8,
     seed: int = 0,
 ) -> Comparison:
@@ -54,6 +58,11 @@ def compare(
         Whether properties that only one file states fail, too.
     repair_inertia : bool
         Whether a URDF's impossible inertias become the nearest possible ones, with a note each.
+    tolerance : float, optional
+        Values that differ by at most this count as equal. It is relative: lengths to the extent of
+        their part, angles to 1 rad, other numbers to themselves. By default it is 0; but if one
+        file prints at most six significant digits and no difference exceeds `ROUNDING`, all are
+        rounding.
     samples, seed : int
         Number of random states at which effects are computed, and their seed.
 
@@ -72,10 +81,12 @@ def compare(
     begin = time.perf_counter()
     if not isinstance(samples, int) or samples < 1:
         raise InputError("samples", "an integer >= 1", samples)
+    if tolerance is not None:
+        number("tolerance", tolerance, lower=0.0)
     one, other = (Side.of(source, repair_inertia=repair_inertia) for source in (a, b))
     return compare_neutral(
         one.beside(other).neutral, other.beside(one).neutral, mapping=mapping, strict=strict,
-        samples=samples, seed=seed, begin=begin,
+        tolerance=tolerance, samples=samples, seed=seed, begin=begin,
     )  # fmt: skip
 
 
@@ -85,6 +96,7 @@ def compare_neutral(
     *,
     mapping: dict[str, str] | None = None,
     strict: bool = False,
+    tolerance: float | None = None,
     samples: int = 8,
     seed: int = 0,
     begin: float | None = None,
@@ -99,7 +111,7 @@ def compare_neutral(
     if not pairs.pairs:
         seconds = time.perf_counter() - begin
         return Comparison(*paths, names, how, unmatched, (), (), {}, strict, notes, seconds)
-    left, right = reduce(one, other, pairs)
+    left, right = (robot.without_idle_sites() for robot in reduce(one, other, pairs))
     states = random_states(left, samples, seed)
     reference = evaluate(left, states)
     measure = _Measure(left, reference, states)
@@ -126,17 +138,32 @@ def compare_neutral(
                 causes.append(
                     Cause(
                         finding.kind, finding.where, *finding.values, effect, finding.detail,
-                        finding.one_sided,
+                        finding.one_sided, _printed(finding),
                     )
                 )  # fmt: skip
         if kinds:
             steps.append(RepairStep(", ".join(dict.fromkeys(kinds)), measure.errors(robot)))
     residual = measure.errors(robot)
     causes.sort(key=lambda cause: (cause.one_sided, -cause.weight, -cause.effect.get("value", 0)))
+    if tolerance is None:
+        tolerance = _rounding(causes) if one.rounded or other.rounded else 0.0
+    counting = tuple(cause for cause in causes if cause.printed > tolerance)
+    within = tuple(cause for cause in causes if cause.printed <= tolerance)
     return Comparison(
-        *paths, names, how, unmatched, tuple(causes), tuple(steps), residual, strict, notes,
-        time.perf_counter() - begin, turns, measure.worst(right),
+        *paths, names, how, unmatched, counting, tuple(steps), residual, strict, notes,
+        time.perf_counter() - begin, turns, measure.worst(right), tolerance, within,
     )  # fmt: skip
+
+
+def _printed(finding: Finding) -> float:
+    """The relative difference of a finding's numbers; infinite if it has none."""
+    return (finding.size or math.inf) if finding.printed is None else finding.printed
+
+
+def _rounding(causes: list[Cause]) -> float:
+    """`ROUNDING` if there are differences that both files state, and none exceeds it; else 0."""
+    stated = [cause.printed for cause in causes if not cause.one_sided]
+    return ROUNDING if stated and max(stated) <= ROUNDING else 0.0
 
 
 def _stage(finding: Finding) -> int:

@@ -224,9 +224,9 @@ class _Joint:
     def points(self) -> list[Pair]:
         """Origins of the frames, points of cables of the same name, centres of mass."""
         found = [(p.translation, q.translation) for p, q in self.frames]
-        theirs = {cable.name: cable.path for cable in self.b.cables}
+        theirs = {(cable.name, cable.shapes): cable.path for cable in self.b.cables}
         for cable in self.a.cables:
-            pairs = zip(cable.path, theirs.get(cable.name, ()), strict=False)
+            pairs = zip(cable.path, theirs.get((cable.name, cable.shapes), ()), strict=False)
             found += [(p.xyz, q.xyz) for p, q in pairs if p.part == q.part == self.k]
         if self.k != WORLD and self.one.inertia.mass and self.other.inertia.mass:
             found.append((self.one.inertia.com, self.other.inertia.com))

@@ -16,8 +16,7 @@ from softdyn.validation.mjcf.comparison.finding import (
     apart,
     curves,
     differ,
-    one_sided,
-    shown,
+    share,
     told_apart,
     with_urdf,
 )
@@ -35,6 +34,7 @@ from softdyn.validation.mjcf.compiled_rig import ABSENT, CABLE, about_joint
 
 FRAMES = 1e-6  # m
 ONLY = "only in one file"
+PLACES = ("its axis", "its side")  # points of a wrapped shape that are no shape themselves
 LAW = ("gaintype", "biastype", "dyntype", "gainprm", "biasprm", "dynprm")  # fields of actuators
 TIMING = ("lag", "delay", "rate")  # fields of `Motor.rig`
 Named = TypeVar("Named", NeutralTendon, Motor)
@@ -75,33 +75,38 @@ def _tendons(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[F
         error = float(np.abs(ours[one.name] - theirs[other.name]).max()) / scale
         signed = {joint: turns.get(joint, (1.0, 0.0))[0] * c for joint, c in other.terms.items()}
         same_terms = any(_same_terms(one.terms, terms) for terms in (other.terms, signed))
-        around = [p.around for p in one.path] != [p.around for p in other.path]
+        around = one.shapes != other.shapes
         if (one.terms or other.terms) and same_terms and not one.path:
             error = 0.0
         if error > SAME or around:
             yield Finding(
                 "tendon", one.name, _path_values(one, other),
-                _path_words(one, other) or f"length {100 * error:.3g} % apart",
+                _path_words(one, other, error),
                 _with_tendon(other.name, terms=one.terms, path=one.path),
                 max(error, 1.0 if around else 0.0),
             )  # fmt: skip
-        if (size := differ(one.armature, other.armature)) > SAME:
+        if (size := differ(one.armature, other.armature)) > 0:
             yield Finding(
                 "armature", one.name, (one.armature, other.armature), "of the tendon",
                 _with_tendon(other.name, armature=one.armature), size,
                 urdf or not (one.armature and other.armature),
             )  # fmt: skip
-        for name, p, q, size in curves(one, other):
+        reach = _stretch(one, ours[one.name])
+        for gap in curves(one, other, reach, _units(one, a), urdf=urdf):
             repair = _with_tendon(
-                other.name, **{n: getattr(one, n) for n in (name, f"{name}_curve")}
+                other.name, **{n: getattr(one, n) for n in (gap.name, f"{gap.name}_curve")}
             )
-            alone = one_sided(p, q, urdf=urdf)
-            yield Finding("tendon", one.name, (shown(p), shown(q)), name, repair, size, alone)
+            detail = ": ".join(filter(None, (gap.name, gap.words)))
+            yield Finding(
+                "tendon", one.name, gap.values, detail, repair, gap.size, gap.one_sided
+            )  # fmt: skip
         sprung = all(t.stiffness or any(t.stiffness_curve) for t in (one, other))
-        if sprung and max(abs(p - q) for p, q in zip(one.rest, other.rest, strict=True)) > FRAMES:
+        away = max(abs(p - q) for p, q in zip(one.rest, other.rest, strict=True))
+        if sprung and away > FRAMES:
             yield Finding(
                 "tendon", one.name, (list(one.rest), list(other.rest)), "rest length",
                 _with_tendon(other.name, rest=one.rest), 1.0,
+                printed=share(away, max(map(abs, (*one.rest, *other.rest)))),
             )  # fmt: skip
         if one.slack != other.slack:
             yield Finding(
@@ -117,12 +122,26 @@ def _tendons(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[F
             yield Finding("tendon", one.name, values, field, repair, size, urdf)
 
 
+def _stretch(tendon: NeutralTendon, lengths: np.ndarray) -> float:
+    """The farthest that some lengths are outside the tendon's rest (m, rad); 1 if none is."""
+    low, high = tendon.rest
+    far = float(np.maximum(lengths - high, low - lengths).max())
+    return far if far > 0 else 1.0
+
+
+def _units(tendon: NeutralTendon, robot: Neutral) -> tuple[str, str]:
+    """Units of a tendon's tension and length; a sum over hinges is an angle."""
+    kinds = {part.kind for part in robot.parts if part.name in tendon.terms}
+    return ("N m", "rad") if kinds == {"hinge"} else ("N", "m")
+
+
 def _drives(tendon: NeutralTendon | None, robot: Neutral) -> bool:
     """Whether a tendon adds nothing to its actuators: it is plain, and over one joint."""
     if tendon is None or len(tendon.terms) != 1:
         return False
     plain = NeutralTendon(tendon.name, tendon.terms, (), rest=tendon.rest)
-    own = (tendon.armature, tendon.more, tendon.friction[0], *curves(tendon, plain))
+    springs = curves(tendon, plain, 1.0, ("", ""), urdf=False)
+    own = (tendon.armature, tendon.more, tendon.friction[0], *springs)
     return not any(own) and any(m.target == f"tendon:{tendon.name}" for m in robot.motors)
 
 
@@ -154,7 +173,10 @@ def _tendon_alone(one: NeutralTendon | None, other: NeutralTendon | None) -> Fin
 
 
 def _tendon_words(tendon: NeutralTendon) -> str:
-    return _sum(tendon.terms) if tendon.terms else f"{len(tendon.path)} points"
+    if tendon.terms:
+        return _sum(tendon.terms)
+    sites = sum(not point.around for point in tendon.path)
+    return ", ".join([f"{sites} sites", *(name for name in tendon.shapes if name not in PLACES)])
 
 
 def _sum(terms: dict[str, float]) -> str:
@@ -174,11 +196,25 @@ def _path_values(one: NeutralTendon, other: NeutralTendon) -> tuple[str, str]:
     return _sum(ours), _sum(theirs)
 
 
-def _path_words(one: NeutralTendon, other: NeutralTendon) -> str:
-    """The points of two paths that differ, and their distances, in words."""
+def _path_words(one: NeutralTendon, other: NeutralTendon, error: float) -> str:
+    """The difference of two paths in words: shapes, number of sites, points, or the length."""
+    length = f"length {100 * error:.3g} % apart"
+    if one.shapes != other.shapes:
+        return _shapes_words(one.shapes, other.shapes)
     if len(one.path) != len(other.path):
-        return "another number of points"
-    return _points_words(one.path, other.path)
+        return f"another number of sites, {length}"
+    return _points_words(one.path, other.path) or length
+
+
+def _shapes_words(*stated: tuple[str, ...]) -> str:
+    """The difference of what two paths go around, in words."""
+    ours, theirs = (
+        [name for name in names if name not in PLACES and "pulley" not in name] for names in stated
+    )
+    if ours != theirs:
+        return "around other shapes" if ours and theirs else "around a shape in one file only"
+    pulleys = [[name for name in names if "pulley" in name] for names in stated]
+    return "other pulleys" if pulleys[0] != pulleys[1] else "on another side of a shape"
 
 
 def _points_words(ours: tuple[Point, ...], theirs: tuple[Point, ...]) -> str:

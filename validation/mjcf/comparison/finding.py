@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from softdyn.validation.mjcf.comparison.neutral import (
     Neutral,
     NeutralTendon,
@@ -22,6 +24,8 @@ KINDS = (
     "actuator", "coupling", "feature",
 )  # fmt: skip
 SAME = 1e-6  # relative
+SPEED = 1.0  # rad/s, m/s: dampers are compared up to here
+GRID = np.array([1.0, -1.0, 0.75, -0.75, 0.5, -0.5, 0.25, -0.25])  # shares of a reach
 LIMITS = 1e-4  # rad, m: limits are rounded in most files
 Turns = dict[str, tuple[float, float]]  # joint → sense and zero, q_A = sense · q_B + zero
 
@@ -46,6 +50,9 @@ class Finding:
         Relative difference of the values, for kinds that affect neither M nor g nor the tip.
     one_sided : bool
         Whether only one file, or only its format, states it.
+    printed : float or None
+        Relative difference of the numbers as files print them: lengths relative to the part's
+        extent, angles to 1 rad. None if it is `size`.
     """
 
     kind: str
@@ -55,6 +62,7 @@ class Finding:
     repair: Repair = field(repr=False)
     size: float = 0.0
     one_sided: bool = False
+    printed: float | None = None
 
 
 def with_urdf(a: Neutral, b: Neutral) -> bool:
@@ -68,6 +76,11 @@ def differ(a: float, b: float) -> float:
         return 0.0
     size = max(abs(a), abs(b))
     return abs(a - b) / size if math.isfinite(size) else 1.0
+
+
+def share(gap: float, extent: float) -> float:
+    """A distance relative to an extent; infinite where the extent is zero."""
+    return gap / extent if extent > 0 else math.inf if gap else 0.0
 
 
 def apart(ours: Numbers, theirs: Numbers) -> float:
@@ -108,30 +121,90 @@ def shown(values: Numbers | None) -> Any:
     return values if values is None else values[0] if len(values) == 1 else list(values)
 
 
+@dataclass(frozen=True)
+class CurveGap:
+    """Springs or dampers that differ.
+
+    Attributes
+    ----------
+    name : str
+        ``stiffness`` or ``damping``.
+    values : tuple of two
+        Coefficients of the powers, or a number if all are linear.
+    size : float
+        Largest difference of the forces, relative to the largest force.
+    words : str
+        The forces where they differ most; empty if both are linear.
+    one_sided : bool
+        Whether only one file states the force.
+    """
+
+    name: str
+    values: tuple[Any, Any]
+    size: float
+    words: str
+    one_sided: bool
+
+
 def curves(
-    one: Part | NeutralTendon, other: Part | NeutralTendon, sense: float = 1.0
-) -> Iterator[tuple[str, Numbers, Numbers, float]]:
-    """Differing damping and stiffness: coefficients of the powers, or a number if all are linear.
+    one: Part | NeutralTendon,
+    other: Part | NeutralTendon,
+    reach: float,
+    units: tuple[str, str],
+    *,
+    urdf: bool,
+    sense: float = 1.0,
+) -> Iterator[CurveGap]:
+    """Differing springs and dampers, compared by their forces.
 
     If a joint has the other sense, the even power of a spring's force changes its sign. Both
-    readings count as agreement.
+    readings count as agreement. Between two MJCFs, a force of higher powers is never one-sided.
+
+    Parameters
+    ----------
+    one, other : Part or NeutralTendon
+    reach : float
+        Displacement up to which springs are compared (rad, m); dampers up to `SPEED`.
+    units : tuple[str, str]
+        Units of force and displacement.
+    urdf : bool
+        Whether one of the files is a URDF.
+    sense : float
+        -1 for a joint with the other sense.
     """
     for name in ("damping", "stiffness"):
         ours, theirs = _coefficients(one, name), _coefficients(other, name)
         turned = theirs if name == "damping" else (theirs[0], sense * theirs[1], theirs[2])
-        if (size := min(apart(ours, theirs), apart(ours, turned))) > SAME:
-            keep = 3 if any((*ours[1:], *theirs[1:])) else 1
-            yield name, ours[:keep], theirs[:keep], size
+        far, unit = (SPEED, f"{units[1]}/s") if name == "damping" else (reach, units[1])
+        size, at = min(_forces_apart(name, ours, row, far) for row in (theirs, turned))
+        if size <= SAME:
+            continue
+        alone = not (any(ours) and any(theirs))
+        if not any((*ours[1:], *theirs[1:])):
+            yield CurveGap(name, (ours[0], theirs[0]), size, "", alone)
+            continue
+        first, second = (force(name, row, at) for row in (ours, theirs))
+        words = f"{first:.4g} against {second:.4g} {units[0]} at {at:.4g} {unit}"
+        yield CurveGap(name, (list(ours), list(theirs)), size, words, alone and urdf)
+
+
+def force(name: str, coefficients: Numbers, x: Any) -> Any:
+    """Force of a spring at a displacement, or of a damper at a speed (MuJoCo's polynomials).
+
+    A spring's is k₁ x + k₂ x² + k₃ x³; a damper's, which always brakes, d₁ x + d₂ x |x| + d₃ x³.
+    """
+    first, second, third = coefficients
+    return x * (first + second * (abs(x) if name == "damping" else x) + third * x**2)
+
+
+def _forces_apart(name: str, ours: Numbers, theirs: Numbers, far: float) -> tuple[float, float]:
+    """The largest difference of two forces, relative to the largest, and its displacement."""
+    at = far * GRID
+    first, second = (force(name, row, at) for row in (ours, theirs))
+    gaps, largest = np.abs(first - second), float(np.abs([first, second]).max())
+    worst = int(np.argmax(gaps))
+    return (float(gaps[worst]) / largest if largest else 0.0), float(at[worst])
 
 
 def _coefficients(item: Part | NeutralTendon, name: str) -> Numbers:
     return (getattr(item, name), *getattr(item, f"{name}_curve"))
-
-
-def one_sided(ours: Numbers, theirs: Numbers, *, urdf: bool) -> bool:
-    """Whether only one file states the differing coefficients (`urdf`: one file is a URDF).
-
-    A linear coefficient of zero counts as not stated. A URDF cannot state higher powers.
-    """
-    alone = not (any(ours) and any(theirs))
-    return alone if len(ours) == 1 else urdf and (alone or differ(ours[0], theirs[0]) <= SAME)

@@ -6,6 +6,7 @@ and the remaining differences of axes and bodies become findings.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -18,7 +19,7 @@ from softdyn.validation.mjcf.comparison.displacements import (
     line_error,
     split,
 )
-from softdyn.validation.mjcf.comparison.finding import Finding
+from softdyn.validation.mjcf.comparison.finding import Finding, share
 from softdyn.validation.mjcf.comparison.matching import plain_name
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral
 from softdyn.validation.mjcf.transform import Transform
@@ -54,7 +55,8 @@ def find_geometry(a: Neutral, b: Neutral) -> tuple[list[Finding], Neutral]:
 def _root(a: Neutral, step: Transform) -> Finding:
     """Findings on the fixed root; its frames move along if this brings them closer to A's."""
     ours = {plain_name(name): f.pose for name, f in a.frames.items() if f.part == WORLD}
-    found = _base(next((n for n, f in a.frames.items() if f.part == WORLD), ""), WORLD, step)
+    where = next((n for n, f in a.frames.items() if f.part == WORLD), "")
+    found = _base(where, WORLD, step, a.size)
 
     def repair(robot: Neutral) -> Neutral:
         moved = found.repair(robot)
@@ -72,11 +74,12 @@ def _apart(one: Transform, other: Transform) -> float:
     return float(np.linalg.norm(one.translation - other.translation))
 
 
-def _base(where: str, k: int, step: Transform) -> Finding:
+def _base(where: str, k: int, step: Transform, extent: float) -> Finding:
     back = step.inverse
     return Finding(
         "base", where, (None, _numbers(step)), _described(step, np.zeros(3)),
         lambda robot: robot.displaced(k, back),
+        printed=max(step.angle, share(float(np.linalg.norm(step.translation)), extent)),
     )  # fmt: skip
 
 
@@ -86,22 +89,24 @@ def _displacement(a: Neutral, b: Neutral, k: int, whole: Transform) -> Iterator[
     if not _is_some(whole):
         return
     if one.kind == "free":
-        yield _base(one.link or one.name, k, whole)
+        yield _base(one.link or one.name, k, whole, a.size)
         return
     twist, amount, rest, along = split(one, other, whole)
     if rest.angle + np.linalg.norm(rest.at(one.point) - one.point) <= SMALL * abs(amount):
-        unit = "m" if one.kind == "slide" else "rad"
+        unit, extent = ("m", a.extent(k)) if one.kind == "slide" else ("rad", 1.0)
         yield Finding(
             "zero", one.name, (0.0, float(amount)), f"moved {amount:+.6g} {unit}",
             lambda robot: robot.displaced(k, twist.inverse, joint=False),
+            printed=share(abs(float(amount)), extent),
         )  # fmt: skip
         whole = rest
     if _is_some(whole):
-        undone = whole.inverse
+        undone, moved = whole.inverse, float(np.linalg.norm(whole.at(one.point) - one.point))
         yield Finding(
             "pose", one.name, (vector(one.point), vector(other.point)),
             _described(whole, one.point),
             lambda robot: robot.displaced(k, undone, joint=bool(along)),
+            printed=max(float(whole.angle), share(moved, a.extent(k))),
         )  # fmt: skip
 
 
@@ -130,6 +135,7 @@ def _axis(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
             ),
             # a wheel with reversed axis changes neither M nor g, but it matters
             1.0 if reversed_ else 0.0,
+            printed=math.inf if reversed_ else max(angle, share(gap, a.extent(k))),
         )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from softdyn.validation.mjcf.transform import Transform
 Numbers = tuple[float, ...]
 WORLD = -1  # the parent of parts on the fixed root
 FREEDOMS = {"hinge": 1, "slide": 1, "ball": 3, "free": 6}
+STRAIGHT = 1e-9  # relative excess of a way that still counts as straight
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
@@ -136,6 +138,11 @@ class NeutralTendon:
     slack: bool = False
     friction: tuple[float, PathEnd | None] = (0.0, None)
 
+    @property
+    def shapes(self) -> tuple[str, ...]:
+        """Wrapped shapes, their axes and sides, and pulleys, along the path."""
+        return tuple(point.around for point in self.path if point.around)
+
 
 @dataclass(frozen=True, eq=False)
 class Motor:
@@ -237,6 +244,8 @@ class Neutral:
         Parts of the file that were left out.
     sensors : dict[str, NeutralSensor]
         Sensors by name.
+    rounded : bool
+        Whether the file prints at most six significant digits, as MuJoCo does.
     """
 
     path: Path
@@ -252,6 +261,7 @@ class Neutral:
     orders: tuple[tuple[str, ...], ...] = ()
     notes: tuple[str, ...] = ()
     sensors: dict[str, NeutralSensor] = field(default_factory=dict)
+    rounded: bool = False
 
     @property
     def size(self) -> float:
@@ -263,6 +273,17 @@ class Neutral:
     def nv(self) -> int:
         """Degrees of freedom."""
         return sum(FREEDOMS[part.kind] for part in self.parts)
+
+    def extent(self, index: int) -> float:
+        """The largest offset on a part (m): of its joint, centres of mass, frames, cables."""
+        if index == WORLD:
+            return self.size
+        part = self.parts[index]
+        above = np.zeros(3) if part.parent == WORLD else self.parts[part.parent].point
+        points = [above, part.pose.translation, *(piece.com for _, piece in part.pieces)]
+        points += [frame.pose.translation for frame in self.frames.values() if frame.part == index]
+        points += [p.xyz for cable in self.cables for p in cable.path if p.part == index]
+        return float(np.linalg.norm(np.array(points) - part.point, axis=1).max())
 
     def children(self, index: int) -> list[int]:
         """Parts that a part, or the root, carries."""
@@ -307,6 +328,11 @@ class Neutral:
         return replace(
             self, parts=parts, frames=frames, cables=cables, motors=motors, equalities=equalities
         )
+
+    def without_idle_sites(self) -> Neutral:
+        """The robot without sites that do not bend or lengthen their cables."""
+        cables = tuple(replace(cable, path=_without_idle(cable.path)) for cable in self.cables)
+        return replace(self, cables=cables)
 
     def arranged(self, kept: list[int], welded: set[int]) -> Neutral:
         """The robot with the parts `kept`, in this order; parts `welded` join their parent.
@@ -392,6 +418,22 @@ class Neutral:
             orders=tuple(tuple(map(new, order)) for order in self.orders),
             sensors={name: read(sensor) for name, sensor in self.sensors.items()},
         )
+
+
+def _without_idle(path: tuple[Point, ...]) -> tuple[Point, ...]:
+    """A path without sites between two others of one part on a straight line."""
+    found = list(path[:1])
+    for point, after in pairwise(path[1:]):
+        before = found[-1]
+        same = {before.part} == {point.part, after.part}
+        if same and not (before.around or point.around or after.around):
+            ways = [float(np.linalg.norm(q.xyz - p.xyz)) for p, q in (
+                (before, point), (point, after), (before, after)
+            )]  # fmt: skip
+            if ways[0] + ways[1] <= ways[2] * (1 + STRAIGHT):
+                continue
+        found.append(point)
+    return (*found, *path[1:][-1:])
 
 
 Repair = Callable[[Neutral], Neutral]

@@ -25,8 +25,7 @@ from softdyn.validation.mjcf.comparison.finding import (
     apart,
     curves,
     differ,
-    one_sided,
-    shown,
+    share,
     told_apart,
     with_urdf,
 )
@@ -68,21 +67,25 @@ def _joint(a: Neutral, b: Neutral, k: int, turn: tuple[float, float]) -> Iterato
     sense, zero = turn
     for name in ("armature", "friction"):
         p, q = getattr(one, name), getattr(other, name)
-        if (size := differ(p, q)) > SAME:
+        # M contains the armature, so that a difference of rounding is repaired, too
+        if (size := differ(p, q)) > (0.0 if name == "armature" else SAME):
             detail = f"{100 * (q / p - 1):+.3g} %" if p and q else "none in one file"
             yield Finding(name, one.name, (p, q), detail, _set(k, **{name: p}), size, not (p and q))
-    for name, ours, theirs, size in curves(one, other, sense):
-        alone = one_sided(ours, theirs, urdf=with_urdf(a, b))
-        detail = "none in one file" if alone else ""
-        if len(ours) == len(theirs) == 1 and not alone:
-            detail = f"{100 * (theirs[0] / ours[0] - 1):+.3g} %"
-        repair = _set(k, **{n: getattr(one, n) for n in (name, f"{name}_curve")})
-        yield Finding(name, one.name, (shown(ours), shown(theirs)), detail, repair, size, alone)
+    units = ("N", "m") if one.kind == "slide" else ("N m", "rad")
+    for gap in curves(one, other, _reach(one), units, urdf=with_urdf(a, b), sense=sense):
+        detail = gap.words or "none in one file"
+        if not gap.words and not gap.one_sided:
+            detail = f"{100 * (gap.values[1] / gap.values[0] - 1):+.3g} %"
+        repair = _set(k, **{n: getattr(one, n) for n in (gap.name, f"{gap.name}_curve")})
+        yield Finding(gap.name, one.name, gap.values, detail, repair, gap.size, gap.one_sided)
     rests = other.rest, sense * other.rest, sense * other.rest + zero
     poses = (part.more.get("qpos_spring", (0.0,)) for part in (one, other))  # of free bodies
-    gap = max(min(abs(one.rest - rest) for rest in rests), apart(*poses))
-    if _springs(one) and _springs(other) and gap > REST:
-        yield Finding("rest", one.name, (one.rest, other.rest), "", _set(k, rest=one.rest), 1.0)
+    away = max(min(abs(one.rest - rest) for rest in rests), apart(*poses))
+    if _springs(one) and _springs(other) and away > REST:
+        yield Finding(
+            "rest", one.name, (one.rest, other.rest), "", _set(k, rest=one.rest), 1.0,
+            printed=share(away, max(abs(one.rest), abs(other.rest))),
+        )  # fmt: skip
     span, others = [one.lower, one.upper], [other.lower, other.upper]
     readings = [others, sorted(sense * v for v in others), sorted(sense * v + zero for v in others)]
     if not any(_near(span[0], r[0]) and _near(span[1], r[1]) for r in readings):
@@ -101,6 +104,12 @@ def _joint(a: Neutral, b: Neutral, k: int, turn: tuple[float, float]) -> Iterato
             yield Finding(
                 kind, where, values, detail, _set(k, more=one.more), size, with_urdf(a, b)
             )
+
+
+def _reach(part: Part) -> float:
+    """The farthest displacement from the spring's rest within the limits (rad, m), at most π."""
+    far = max(abs(part.lower - part.rest), abs(part.upper - part.rest))
+    return min(far, math.pi if part.kind == "hinge" else 1.0) or 1.0
 
 
 def _springs(part: Part) -> bool:
@@ -142,7 +151,7 @@ def _stated(limits: list[float]) -> list[float | None] | None:
 
 def _gravity(a: Neutral, b: Neutral) -> Iterator[Finding]:
     gap = float(np.linalg.norm(a.gravity - b.gravity))
-    if gap > SAME * 9.81:
+    if gap > 0:
         yield Finding(
             "gravity", "world", (vector(a.gravity), vector(b.gravity)), "",
             lambda robot: replace(robot, gravity=a.gravity), gap / 9.81, with_urdf(a, b),
@@ -150,7 +159,7 @@ def _gravity(a: Neutral, b: Neutral) -> Iterator[Finding]:
     for k, (one, other) in enumerate(zip(a.parts, b.parts, strict=True)):
         ours, theirs = one.uplift, other.uplift
         size = float(np.abs(ours - theirs).max()) / max(float(np.abs([ours, theirs]).max()), 1e-300)
-        if size > SAME:
+        if size > 0:
             shares = [float(p.uplift[0] / p.inertia.mass) if p.uplift.any() else 0.0
                       for p in (one, other)]  # fmt: skip
             yield Finding(
@@ -197,6 +206,7 @@ def _frames(a: Neutral, b: Neutral) -> Iterator[Finding]:
             yield Finding(
                 "frame", one.link, (vector(one.pose.translation), vector(other.pose.translation)),
                 f"{1e3 * gap:.4g} mm apart", _set(k, pose=one.pose), gap / a.size,
+                printed=share(gap, a.extent(k)),
             )  # fmt: skip
     theirs = {plain_name(name): (name, frame) for name, frame in b.frames.items()}
     for name, frame in a.frames.items():
@@ -206,6 +216,7 @@ def _frames(a: Neutral, b: Neutral) -> Iterator[Finding]:
             yield Finding(
                 "frame", name, (vector(frame.pose.translation), vector(found.pose.translation)),
                 f"{1e3 * gap:.4g} mm apart", _replaced_frame(label, frame), gap / a.size,
+                printed=share(gap, a.extent(frame.part)),
             )  # fmt: skip
 
 

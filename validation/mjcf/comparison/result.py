@@ -33,6 +33,9 @@ class Cause:
         The difference in words.
     one_sided : bool
         Whether only one file, or only its format, states it.
+    printed : float
+        Relative difference of the values as files print them; see `compare`'s tolerance. Infinite
+        for what is no number.
     """
 
     kind: str
@@ -42,11 +45,25 @@ class Cause:
     effect: dict[str, float]
     detail: str
     one_sided: bool
+    printed: float = math.inf
 
     @property
     def weight(self) -> float:
         """The largest effect on the dynamics, which sorts the causes."""
         return max((v for key, v in self.effect.items() if key in SHOWN), default=0.0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The cause as plain data; figures that are not finite are None."""
+        return {
+            "kind": self.kind,
+            "where": self.where,
+            "a": self.a,
+            "b": self.b,
+            "effect": {key: _finite(value) for key, value in self.effect.items()},
+            "detail": self.detail,
+            "one_sided": self.one_sided,
+            "printed": _finite(self.printed),
+        }
 
 
 @dataclass(frozen=True)
@@ -96,6 +113,10 @@ class Comparison:
         Joint of A → sense and zero, if B's differ: q of A = sense · q of B + zero.
     worst : tuple of Worst
         The random states at which the files differ most before any repair.
+    tolerance : float
+        Largest relative difference of values that count as equal.
+    within : tuple of Cause
+        Differences within the tolerance; they are no causes.
     """
 
     a: str
@@ -111,6 +132,8 @@ class Comparison:
     seconds: float = 0.0
     turns: dict[str, tuple[float, float]] = field(default_factory=dict)
     worst: tuple[Worst, ...] = ()
+    tolerance: float = 0.0
+    within: tuple[Cause, ...] = ()
 
     @property
     def explained(self) -> bool:
@@ -144,18 +167,9 @@ class Comparison:
             "matched": self.matched,
             "matched_by": self.how,
             "unmatched": self.unmatched,
-            "causes": [
-                {
-                    "kind": cause.kind,
-                    "where": cause.where,
-                    "a": cause.a,
-                    "b": cause.b,
-                    "effect": {key: _finite(value) for key, value in cause.effect.items()},
-                    "detail": cause.detail,
-                    "one_sided": cause.one_sided,
-                }
-                for cause in self.causes
-            ],
+            "causes": [cause.to_dict() for cause in self.causes],
+            "tolerance": self.tolerance,
+            "within": [cause.to_dict() for cause in self.within],
             "waterfall": [
                 {"repaired": step.repaired, **{k: _finite(v) for k, v in step.left.items()}}
                 for step in self.waterfall
@@ -184,6 +198,12 @@ class Comparison:
         words = f"the files differ: {', '.join(kinds)}" if kinds else "the files agree"
         if apart:
             words += f"; only one states {', '.join(apart)}"
+        if self.within:
+            worst = max(self.within, key=lambda cause: cause.printed)
+            words += (
+                f"; {len(self.within)} values within {self.tolerance:g} count as equal, the "
+                f"largest difference is {worst.printed:.2g} ({worst.kind} of {worst.where})"
+            )
         return words
 
     def __str__(self) -> str:

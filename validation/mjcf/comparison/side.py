@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,6 +20,9 @@ from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
 from softdyn.validation.mjcf.comparison.neutral import Neutral
 from softdyn.validation.mjcf.compiled_rig import sensors_of
 from softdyn.validation.mjcf.mjcf_file import Contents, Mjcf, is_mjcf, read_mjcf
+
+DIGITS = 6
+NUMBER = re.compile(r"[+-]?(\d*)\.?(\d*)(?:[eE][+-]?\d+)?")  # integer and decimal digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,14 +96,27 @@ class Side:
         """MuJoCo's compiled model with all shapes and contacts; do not change it."""
         return compile_mjcf(read_mjcf(self.path, whole=True, contents=self.contents))
 
+    @property
+    def rounded(self) -> bool:
+        """Whether no number of the file has more significant digits than MuJoCo saves."""
+        root = self.contents.xml(self.path).node
+        texts = [
+            str(value) for node in root.iter("*") for value in (*node.values(), node.text or "")
+        ]
+        found = (NUMBER.fullmatch(word) for text in texts for word in text.split())
+        return all(len("".join(m.groups()).strip("0")) <= DIGITS for m in found if m is not None)
+
     @cached_property
     def neutral(self) -> Neutral:
         """The robot in the neutral form."""
         if not self.is_mjcf:
             mended = [text for text in self.robot.warnings if "inertia repaired" in text]
             notes = tuple(text.removeprefix(f"{self.path}: ") for text in mended)
-            return replace(from_urdf(self.robot), notes=notes)
-        robot = replace(from_mjcf(self.path, self.compiled), sensors=sensors_of(self.mjcf.sensors))
+            return replace(from_urdf(self.robot), notes=notes, rounded=self.rounded)
+        robot = replace(
+            from_mjcf(self.path, self.compiled), sensors=sensors_of(self.mjcf.sensors),
+            rounded=self.rounded,
+        )  # fmt: skip
         # models attached through MuJoCo's specification come after the bodies beside them
         note = "attached models: the order of joints is not compared"
         attached = bool(self.mjcf.attached)

@@ -13,6 +13,7 @@ import numpy as np
 
 from softdyn import InputError, Reference, SoftModel
 from softdyn.controllers.registry import one_line_errors
+from softdyn.exceptions import own_code_errors
 from softdyn.validation.files import safe_filename
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.log import Log
@@ -135,7 +136,9 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
     Raises
     ------
     InputError
-        The case cannot run, or a user's controller raised an exception, which is shown in one line.
+        The case cannot run.
+    OwnCodeError
+        A user's controller or observer raised an exception.
     """
     experiment = case.experiment(model)
     controller = case.law(case.controller, model) if case.law else make()
@@ -145,7 +148,7 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
         options = {"rig": replace(case.rig, plant=case.plant)}
         if case.observer is not None:
             options["observer"] = make_observer(model, options["rig"], case.observer)
-    with one_line_errors(case.controller, "a command"):
+    with own_code_errors(), one_line_errors(case.controller, "a command"):
         return simulate(
             model,
             controller,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from functools import cache
+import sys
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
@@ -13,33 +14,35 @@ from typing import Any
 from softdyn.compiled import COMPILES
 from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.studies.engine.case import Case
-from softdyn.validation.twin.borrowed import content
 
 # parts of softdyn that influence a run's numbers, without statics, view, tables and plots
 RUN_BY = (
     "description", "dynamics", "controllers", "validation/twin", "validation/loop",
     "validation/studies/engine", "validation/studies/experiments.py",
 )  # fmt: skip
-# further parts for a case with its own functions
-CALLED = ("validation/paper",)
 ENGINES = ("pin", "mujoco", "proxsuite", "numpy", "scipy", "numba")
 
 
 def fingerprint(case: Case, *parts: Any) -> str:
     """A hash of a case, of the `parts` on which it depends, of softdyn and of the engines.
 
-    softdyn's files are hashed at the first call in this process; a file of shapes at every call.
-
-    Raises
-    ------
-    InputError
-        The file of shapes cannot be read.
+    If the case calls functions of its own, every Python file of their folders counts, too. Files
+    are hashed at the first call in this process.
     """
-    calls = case.law or case.target or case.around
-    if case.plant.shapes is not None:
-        parts = (*parts, content(case.plant.shapes))
-    everything = (case, *parts, code(), _hash_of(CALLED) if calls else "")
+    everything = (case, *parts, code(), [_hash_of_folder(one) for one in _called(case)])
     return hashlib.sha256(json.dumps(to_plain_data(everything)).encode()).hexdigest()
+
+
+def _called(case: Case) -> list[Path]:
+    """The folders of the modules of a case's own functions and objects."""
+    folders = set()
+    for one in (case.law, case.target, case.around, case.plant):
+        while isinstance(one, partial):
+            one = one.func
+        file = None if one is None else getattr(sys.modules[one.__module__], "__file__", None)
+        if file is not None:
+            folders.add(Path(file).resolve().parent)
+    return sorted(folders)
 
 
 @cache
@@ -60,6 +63,12 @@ def has_digest(path: Path, sha256: str | None) -> bool:
         return digest(path) == sha256
     except OSError:
         return False
+
+
+@cache
+def _hash_of_folder(folder: Path) -> str:
+    found = sorted(folder.rglob("*.py"))
+    return hashlib.sha256(repr([(p.name, digest(p)) for p in found]).encode()).hexdigest()
 
 
 @cache

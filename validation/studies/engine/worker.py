@@ -19,7 +19,7 @@ import numpy as np
 
 from softdyn import SoftdynError
 from softdyn.controllers.registry import find_controller, make_controller
-from softdyn.exceptions import one_line
+from softdyn.exceptions import OwnCodeError, one_line
 from softdyn.validation.loop.log import Log
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine import case as cases_
@@ -73,11 +73,14 @@ class CaseResult:
         Content of the log's file, without step times, because these are not reproducible.
     step_us : dict
         The step times (µs).
+    trace : str
+        The traceback of an error in a user's own code.
     """
 
     figures: dict[str, Any]
     log: bytes | None = None
     step_us: Mapping[str, float | None] = field(default_factory=dict, compare=False)
+    trace: str = field(default="", compare=False)
 
 
 def jobs_of(
@@ -140,8 +143,7 @@ def run(job: CaseJob, contents: Mapping[str, bytes] | None = None) -> CaseResult
     NotHere
         This worker cannot run it.
     SoftdynError
-        The case has a defect, or a user's controller raised an exception, which is shown in one
-        line.
+        The case has a defect, or a user's own code raised an exception: an `OwnCodeError`.
     """
     with redirect_stdout(sys.stderr):  # prints of a user's code must not mix with our output
         return _case_result(job, _prepare(job, contents or {})())
@@ -158,8 +160,9 @@ def attempt(job: CaseJob, contents: Mapping[str, bytes] | None = None) -> CaseRe
             return _case_result(job, loop())
         except (MemoryError, OSError) as error:  # an error of this machine, not of the case
             return not_run(_reason(error))
-        except Exception as error:  # a user's code may raise any exception
-            return _without_figures("raised", _reason(error))
+        except Exception as error:
+            trace = error.trace if isinstance(error, OwnCodeError) else ""
+            return replace(_without_figures("raised", _reason(error)), trace=trace)
 
 
 def not_run(reason: str) -> CaseResult:

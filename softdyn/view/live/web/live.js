@@ -1,9 +1,8 @@
 "use strict";
 // A robot that runs somewhere else: draws its frames, and sends the user's actions to the server.
-// three.js's TransformControls drag the target; uPlot draws the plots.
 
 const FORCE = 0xe07b00, REACH = 0x1b9e77, GHOST = "#7b52ab";
-const HISTORY = 12;  // s in the plots
+const SPANS = [[12, "12 s"], [60, "1 min"], [300, "5 min"]];  // of the plots
 const LEAST = 1e-4;  // on a logarithmic axis
 const EVERY = 33;  // ms between two messages of one drag
 const INK = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"];
@@ -15,7 +14,8 @@ const KEYS = [
   ["o", "o", "open loop and back"], ["f", "f", "look at the robot"],
   ["+", "+ −", "faster, slower"], ["?", "?", "these keys", "ask"],
 ];
-const MOUSE = "Drag the target in the robot's plane; with Shift, in depth; by an arrow, along it. "
+const MOUSE = "Drag the target in the plane of the robot's axes that faces you; with Shift, in depth; "
+  + "by an arrow, along it. "
   + "Turn it by its rings. "
   + "Drag a link to pull it. Drag beside the robot to turn, wheel to zoom.";
 const MISMATCH = [  // name, label, least, most, factor of what is shown, unit
@@ -24,45 +24,30 @@ const MISMATCH = [  // name, label, least, most, factor of what is shown, unit
   ["noise", "noise", 0, 0.005, 1e3, "mm"],
 ];
 
-const short = x => x == 0 ? "0" : Math.abs(x) >= 1e4 || Math.abs(x) < 1e-2
-  ? x.toExponential(0).replace("e+", "e") : String(Number(x.toPrecision(3)));
-
-function decades(low, high) {  // at most four powers of ten of each sign, and 0
-  const most = Math.floor(Math.log10(Math.max(-low, high, 1e-12)) + 1e-9);
-  const least = low > 0 ? Math.ceil(Math.log10(low) - 1e-9) : most - 2;
-  const skip = Math.max(1, Math.ceil((most - least) / 3)), found = low > 0 ? [] : [0];
-  for (let k = most; k >= least; k -= skip) found.push(10 ** k, -(10 ** k));
-  return found.filter(x => x >= low && x <= high).sort((a, b) => a - b);
-}
-
-class Plot {
-  constructor(parent, title, lines, y, fixed) {
+/** A strip: one or more curves of the last seconds, with a title and the newest numbers. */
+class Strip {
+  /**
+   * @param {HTMLElement} parent
+   * @param {string} title
+   * @param {[string, string][]} curves column and colour of each
+   * @param {Linear|Logarithmic|Symmetric} scale
+   * @param {number[]} marks values with a dashed line
+   */
+  constructor(parent, title, curves, scale, marks = []) {
     this.box = element(parent, "div", undefined, "plot");
     element(this.box, "b", title);
     this.readout = element(this.box, "output");
-    const axis = {stroke: "#5d6b7a", font: "10px system-ui", grid: {stroke: "#dde3ea", width: 1},
-      ticks: {show: false}};
-    const series = [{}, ...lines.map((line, i) => ({stroke: INK[i % INK.length], width: 1.3,
-      points: {show: false}, spanGaps: false, ...line}))];
-    this.fixed = fixed || [];
-    for (const value of this.fixed)
-      series.push({stroke: "#8a94a0", width: 1, dash: [4, 4], points: {show: false}, value});
-    this.plot = new uPlot({
-      width: 274, height: 74, series, legend: {show: false}, cursor: {show: false},
-      padding: [4, 4, 0, 0], scales: {x: {time: false}, y},
-      axes: [{...axis, size: 14, gap: 0, space: 60}, {...axis, size: 40, gap: 2, space: 18,
-        filter: (_, ticks) => ticks, values: (_, ticks) => ticks.map(short),
-        ...(y.distr > 2 ? {splits: (_, at, low, high) => decades(low, high)} : {})}],
-    }, [[], ...series.slice(1).map(() => [])], this.box);
-    this.fit();
-    addEventListener("resize", () => this.fit());
+    this.curves = curves;
+    this.chart = new Chart(element(this.box, "canvas"), scale, {left: 40, bottom: 12, marks});
   }
-  fit() {  // as wide as the panel (narrow in a notebook), without its scroll bar
-    const width = Math.max(60, Math.min(274, this.box.clientWidth - 14));
-    this.plot.setSize({width, height: 74});
-  }
-  show(t, rows, text) {
-    this.plot.setData([t, ...rows, ...this.fixed.map(value => t.map(() => value))]);
+
+  /**
+   * @param {Slots} slots
+   * @param {string} text the newest numbers
+   */
+  show(slots, text) {
+    this.chart.draw(this.curves.map(([name, colour]) => ({...slots.column(name), colour})),
+      slots.last - slots.span, slots.last);
     this.readout.value = text;
   }
 }
@@ -76,13 +61,15 @@ class Live {
     this.state = {paused: false, law: "", mismatch: {}, inputs: []};
     this.pending = new Map();  // unsent messages of a drag
     this.sent = -Infinity;  // time of a drag's last message
-    this.history = {t: []};
     this.leads = false;
     this.size = scene.figure.size;
     const look = {opacity: 1};
     this.figure = new Figure(scene.figure, look);
     this.stage.add(this.figure.object);
     this.goals = new Goals(this.figure, this.stage);
+    const inputs = scene.figure.inputs.map((_, i) => "u" + i);
+    const columns = ["error", "V", "step", "wake", "misses", "gap", ...inputs];
+    this.recent = SPANS.map(([span]) => new Slots(columns, span));
     this.makeTarget();
     this.makeOverlays();
     this.makeCard();
@@ -173,12 +160,8 @@ class Live {
   command(can) {
     for (const set of document.querySelectorAll(".command")) set.disabled = !can;
     if (!can) this.held = null;
-    this.gizmo.enabled = this.gizmo.visible = can && this.aims;
-    if (!this.gizmo.enabled) {  // the drag has ended, even if the button is still down
-      this.gizmo.dragging = false;
-      this.gizmo.axis = null;
-      this.pending.delete("target");
-    }
+    this.handle.enable(can && this.aims);
+    if (!this.handle.enabled) for (const name of ["target", "targets"]) this.pending.delete(name);
   }
   get aims() { return this.scene.mode == "play" && this.state.law != this.scene.open; }
 
@@ -193,26 +176,22 @@ class Live {
     this.last = frame;
     this.fresh = true;
     this.frames = (this.frames || 0) + 1;
-    const t = this.one(frame, "t"), h = this.history;
-    const before = h.t.length ? h.t[h.t.length - 1] : -1;
-    if (t < before || h.t.length && t == before) {
-      if (t == before) return;
-      this.history = {t: []};
+    const t = this.one(frame, "t");
+    if (t == this.time) return;
+    if (t < this.time) {
+      for (const slots of this.recent) slots.clear();
       this.trail.count = 0;
     }
+    this.time = t;
     const [y, r] = [this.part(frame, "y"), this.part(frame, "y_ref")];
-    const row = {t, V: this.one(frame, "V"), step: this.one(frame, "step_us"),
+    const row = {V: this.one(frame, "V"), step: this.one(frame, "step_us"),
       wake: this.one(frame, "wake_us"), misses: this.one(frame, "misses"),
       gap: 1e3 * this.one(frame, "gap"),
       error: this.aims || this.scene.mode == "watch"
         ? 100 * Math.hypot(y[0] - r[0], y[1] - r[1], y[2] - r[2]) : NaN};
     this.part(frame, "u").forEach((u, i) => { row["u" + i] = u; });
-    const {history} = this, old = history.t.findIndex(time => time >= t - HISTORY);
-    for (const [name, value] of Object.entries(row)) {
-      const column = history[name] = history[name] || [];
-      column.push(Number.isFinite(value) ? value : null);
-      if (old) column.splice(0, old < 0 ? column.length - 1 : old);
-    }
+    for (const slots of this.recent) slots.push(t, row);
+    this.row = row;
     this.leaveTrail(y);
   }
   draw() {
@@ -220,8 +199,8 @@ class Live {
     const frame = this.last, u = Array.from(this.part(frame, "u"));
     this.figure.pose(Array.from(this.part(frame, "q")), u);
     const targets = this.part(frame, "targets");
-    this.goals.show(targets, targets, 0, this.gizmo.dragging ? this.aim : null);
-    if (!this.gizmo.dragging) this.placeTarget(frame);
+    this.goals.show(targets, targets, 0, this.handle.dragging ? this.aim : null);
+    if (!this.handle.dragging) this.placeTarget(frame);
     this.target.visible = this.aims || this.scene.mode == "watch";
     const ghost = this.part(frame, "ghost");
     this.ghost.object.visible = Number.isFinite(ghost[0]);
@@ -247,49 +226,35 @@ class Live {
       new T.MeshPhongMaterial({color: TARGET, opacity: 0.75, transparent: true, depthTest: false}));
     this.target.renderOrder = 1;
     this.stage.add(this.target);
-    this.gizmo = new DRAGGING.TransformControls(this.viewer.camera, this.viewer.dom_element);
-    this.gizmo.space = "local";  // the robot's axes, where z is up
-    this.gizmo.size = 0.55;
-    this.gizmo.attach(this.target);
-    const upright = new T.Group();  // the gizmo needs a world without rotation
-    upright.rotation.x = Math.PI / 2;
-    this.viewer.scene.add(upright);
-    upright.add(this.gizmo);
-    // by the ball itself: in the robot's plane, or with Shift in depth
-    this.gizmo.addEventListener("axis-changed", () => {
-      if (this.gizmo.axis == "XYZ") this.gizmo.axis = this.shift ? "Y" : "XZ";
-    });
-    this.gizmo.addEventListener("objectChange", () => this.often(this.aim ? this.aimed()
-      : {do: "target", y: this.target.position.toArray()}));
-    this.gizmo.addEventListener("change", () => this.viewer.set_dirty());
-    for (const kind of ["keydown", "keyup", "pointermove", "pointerdown"])
-      addEventListener(kind, event => { this.shift = event.shiftKey; }, true);
+    this.handle = new Handle(this.viewer, this.target, this.size);
+    this.handle.changed = () => this.often(this.aim ? this.aimed()
+      : {do: "target", y: this.target.position.toArray()});
   }
   placeTarget(frame) {
     const {target, aim} = this;
     if (!aim) return target.position.set(...this.part(frame, "y_ref"));
     target.position.copy(aim.object.position);
     // moved along the robot's axes, turned about its own
-    if (this.gizmo.mode == "rotate") target.quaternion.copy(aim.object.quaternion);
+    if (this.handle.turns) target.quaternion.copy(aim.object.quaternion);
     else target.quaternion.identity();
   }
   aimed() {  // the targets of all tasks, that of the dragged one as it is dragged
     const {aim, target} = this, values = Array.from(this.part(this.last, "targets"));
-    if (this.gizmo.mode == "translate") {
-      aim.object.position.copy(target.position);
-      target.position.toArray(values, aim.first);
-    } else {
+    if (this.handle.turns) {
       aim.object.quaternion.copy(target.quaternion);
       this.goals.numbers(target.quaternion, aim).toArray(values, aim.first + (aim.placed ? 3 : 0));
+    } else {
+      aim.object.position.copy(target.position);
+      target.position.toArray(values, aim.first);
     }
     return {do: "targets", values};
   }
   choose(mark, turn) {  // the task whose target the mouse drags
     this.aim = mark;
-    this.gizmo.setMode(mark && (turn && mark.kind != "position" || !mark.placed) ? "rotate" : "translate");
+    this.handle.turns = Boolean(mark) && (turn && mark.kind != "position" || !mark.placed);
     this.find("goal").value = this.goals.marks.indexOf(mark);
     this.find("turn").hidden = mark.kind != "pose";
-    this.find("turn").textContent = this.gizmo.mode == "rotate" ? "move it" : "turn it";
+    this.find("turn").textContent = this.handle.turns ? "move it" : "turn it";
     if (this.last) this.placeTarget(this.last);
     this.viewer.set_dirty();
   }
@@ -380,48 +345,26 @@ class Live {
   // -- a hand on a link --------------------------------------------------------------------
 
   makeHand() {
-    const pane = this.viewer.dom_element, ray = new T.Raycaster();
-    const aim = event => {
-      const box = pane.getBoundingClientRect();
-      ray.setFromCamera({x: 2 * (event.clientX - box.left) / box.width - 1,
-        y: 1 - 2 * (event.clientY - box.top) / box.height}, this.viewer.camera);
-      return ray;
-    };
-    pane.addEventListener("pointerdown", event => {  // before Meshcat's own controls see it
-      this.viewer.controls.enabled = true;
-      if (event.button != 0 || !this.leads) return;
-      if (this.gizmo.enabled) this.gizmo.pointerHover(this.gizmo._getPointer(event));
-      if (this.gizmo.enabled && this.gizmo.axis) {
-        this.viewer.controls.enabled = false;
-        return;
-      }
-      if (this.scene.mode != "play") return;
-      const marks = this.goals.marks.map(mark => mark.object);
-      const mark = this.aims && aim(event).intersectObjects(marks)[0];
-      if (mark) {  // a click chooses a target
-        this.choose(this.goals.marks[marks.indexOf(mark.object.parent)], this.gizmo.mode == "rotate");
-        this.viewer.controls.enabled = false;
-        return;
-      }
-      const hit = aim(event).intersectObjects(this.figure.shapes)[0];
-      if (!hit) return;
-      this.viewer.controls.enabled = false;
-      const link = this.figure.shapes.indexOf(hit.object);
-      const index = this.scene.figure.shapes[link].link;
-      this.held = {
-        name: this.scene.links[index],
-        at: this.figure.links[index].worldToLocal(hit.point.clone()).toArray(),
-        plane: new T.Plane().setFromNormalAndCoplanarPoint(
-          this.viewer.camera.getWorldDirection(new T.Vector3()), hit.point),
-      };
-      pane.setPointerCapture(event.pointerId);
+    const pane = this.viewer.dom_element;
+    pane.addEventListener("pointerdown", event => {
+      const busy = this.held || this.handle.dragging;  // with another finger
+      if (!busy && (event.button != 0 || !this.leads || !this.grasp(event))) return;
+      event.stopImmediatePropagation();  // Meshcat's own controls do not see it
+      if (!busy) pane.setPointerCapture(this.pointer = event.pointerId);
     }, true);
     pane.addEventListener("pointermove", event => {
-      const to = this.held && aim(event).ray.intersectPlane(this.held.plane, new T.Vector3());
+      if (!this.held) {
+        if (!this.handle.dragging || event.pointerId == this.pointer) this.handle.move(event);
+        return;
+      }
+      if (event.pointerId != this.pointer) return;
+      const to = pointerRay(this.viewer, event).intersectPlane(this.held.plane, new T.Vector3());
       if (to) this.often({do: "push", link: this.held.name, at: this.held.at,
         to: this.stage.worldToLocal(to).toArray()});
     });
-    const release = () => {
+    const release = event => {
+      if (event.pointerId != this.pointer) return;
+      this.handle.release();
       if (!this.held) return;
       this.held = null;
       this.pending.delete("push");
@@ -429,6 +372,31 @@ class Live {
     };
     pane.addEventListener("pointerup", release);
     pane.addEventListener("pointercancel", release);
+  }
+
+  /** Takes what is under the pointer: the target's handle, another target, or a link. */
+  grasp(event) {
+    if (this.handle.press(event)) return true;
+    if (this.scene.mode != "play") return false;
+    const rays = new T.Raycaster();
+    rays.ray.copy(pointerRay(this.viewer, event));
+    const marks = this.goals.marks.map(mark => mark.object);
+    const mark = this.aims && rays.intersectObjects(marks, true)[0];
+    if (mark) {  // a click chooses a target
+      this.choose(this.goals.marks[marks.indexOf(mark.object.parent)], this.handle.turns);
+      return true;
+    }
+    const hit = rays.intersectObjects(this.figure.shapes)[0];
+    if (!hit) return false;
+    const shape = this.figure.shapes.indexOf(hit.object);
+    const link = this.scene.figure.shapes[shape].link;
+    this.held = {
+      name: this.scene.links[link],
+      at: this.figure.links[link].worldToLocal(hit.point.clone()).toArray(),
+      plane: new T.Plane().setFromNormalAndCoplanarPoint(
+        this.viewer.camera.getWorldDirection(new T.Vector3()), hit.point),
+    };
+    return true;
   }
 
   // -- panels ------------------------------------------------------------------------------
@@ -488,7 +456,7 @@ class Live {
     goal.onchange = () => { this.choose(this.goals.marks[goal.value], false); goal.blur(); };
     this.find("turn").onclick = event => {
       event.currentTarget.blur();
-      if (this.aim) this.choose(this.aim, this.gizmo.mode != "rotate");
+      if (this.aim) this.choose(this.aim, !this.handle.turns);
     };
     if (play && this.goals.marks.length) this.choose(this.goals.marks.find(mark => mark.placed), false);
     law.onchange = () => {
@@ -518,22 +486,28 @@ class Live {
       this.viewer.set_dirty();
     };
     if (this.scene.mode == "explore") return;
-    const log = {distr: 3, range: (_, low, high) => low === null ? [0.01, 1]
-      : uPlot.rangeLog(Math.max(low, LEAST), Math.max(high, 10 * LEAST), 10, true)};
-    const parent = this.find("plots"), {inputs} = this.scene.figure;
+    this.makePlots();
+  }
+  makePlots() {
+    const box = this.find("plots"), {inputs} = this.scene.figure, log = new Logarithmic(LEAST);
     const bounds = [...new Set(inputs.flatMap(i => [i.lower, i.upper]))];
     const small = Math.min(...inputs.map(i => Math.max(-i.lower, i.upper))) / 100 || 1;
+    const [first, second] = INK;
     this.plots = {
-      error: new Plot(parent, "error (cm)", [{}], log),
-      inputs: inputs.length && new Plot(parent, `inputs (${this.scene.unit})`, inputs.map(() => ({})),
-        {distr: 4, asinh: small}, bounds.length <= 4 ? bounds : []),
-      V: new Plot(parent, "V", [{}], log),
-      time: new Plot(parent, "control step, wake-up error (µs)", [{}, {}], log,
-        [1e6 * this.scene.period]),
-      misses: new Plot(parent, "missed periods", [{}], {range: (_, low, high) =>
-        [low || 0, Math.max(high || 0, (low || 0) + 1)]}),
-      gap: new Plot(parent, `tip, plant against ${this.scene.ghost} (mm)`, [{stroke: GHOST}], log),
+      error: new Strip(box, "error (cm)", [["error", first]], log),
+      inputs: inputs.length && new Strip(box, `inputs (${this.scene.unit})`,
+        inputs.map((_, i) => ["u" + i, INK[i % INK.length]]), new Symmetric(small),
+        bounds.length <= 4 ? bounds : []),
+      V: new Strip(box, "V", [["V", first]], log),
+      time: new Strip(box, "control step, wake-up error (µs)", [["step", first], ["wake", second]],
+        log, [1e6 * this.scene.period]),
+      misses: new Strip(box, "missed periods", [["misses", first]], new Linear(1)),
+      gap: new Strip(box, `tip, plant against ${this.scene.ghost} (mm)`, [["gap", GHOST]], log),
     };
+    const span = this.find("span");
+    for (const [, text] of SPANS) element(span, "option", text);
+    span.parentElement.hidden = false;
+    span.onchange = () => { this.plot(); span.blur(); };
   }
   sayMismatch() {
     const said = {do: "mismatch", contacts: this.find("contacts").checked};
@@ -542,18 +516,17 @@ class Live {
     if (document.activeElement) document.activeElement.blur();
   }
   plot() {
-    if (!this.plots || !this.history.t.length) return;
-    const h = this.history, {t} = h, last = name => h[name][t.length - 1];
-    const positive = name => h[name].map(x => x === null ? null : Math.max(x, LEAST));
-    const show = (name, rows, text) => this.plots[name] && this.plots[name].show(t, rows, text);
-    show("error", [positive("error")], digits(last("error") ?? NaN));
-    show("inputs", this.scene.figure.inputs.map((_, i) => h["u" + i]), "");
-    show("V", [positive("V")], digits(last("V") ?? NaN));
-    show("time", [positive("step"), positive("wake")],
-      `${digits(last("step") ?? NaN)}, ${digits(last("wake") ?? NaN)}`);
-    show("misses", [h.misses], String(last("misses") ?? "–"));
-    this.plots.gap.box.style.display = this.state.ghost ? "" : "none";
-    if (this.state.ghost) show("gap", [positive("gap")], digits(last("gap") ?? NaN));
+    const {plots, row} = this;
+    if (!plots || !row) return;
+    const slots = this.recent[this.find("span").selectedIndex];
+    const show = (strip, text) => strip && strip.show(slots, text);
+    show(plots.error, digits(row.error));
+    show(plots.inputs, "");
+    show(plots.V, digits(row.V));
+    show(plots.time, `${digits(row.step)}, ${digits(row.wake)}`);
+    show(plots.misses, Number.isFinite(row.misses) ? String(row.misses) : "–");
+    plots.gap.box.hidden = !this.state.ghost;
+    if (this.state.ghost) show(plots.gap, digits(row.gap));
   }
   makeBar() {
     const does = {

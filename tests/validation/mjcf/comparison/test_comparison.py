@@ -3,6 +3,7 @@
 import json
 from collections import Counter
 
+import mujoco
 import numpy as np
 import pytest
 from lxml import etree
@@ -333,3 +334,119 @@ def test_the_command(tmp_path, pair):
     code, out, _ = run(*pair)
     assert code == 0
     assert "the files agree" in out
+
+
+def six_digits(text: str) -> str:
+    """An MJCF as MuJoCo saves it."""
+    spec = mujoco.MjSpec.from_string(text)
+    spec.compile()
+    return spec.to_xml()
+
+
+MANY_KINDS = """<mujoco><worldbody><site name="s" pos="0.1 0.2 0.3333333"/>
+<body name="a" pos="0 0 1" euler="10 20 33"><joint name="j" axis="1 2 3" range="-33 44"
+springref="7" stiffness="0.123456789" damping="0.0123456789" armature="0.00123456789"/>
+<geom type="capsule" size="0.0333" fromto="0 0 0 0.3 0.1 0.02"/>
+<body name="b" pos="0.123456789 0.2 0.1" quat="1 2 3 4"><joint name="k" type="slide" axis="1 1 0"/>
+<geom type="box" size="0.1 0.02 0.07" euler="3 4 5" pos="0.01 0.02 0.03"/>
+<site name="t" pos="0.01 0.02 0.033333333"/></body></body></worldbody>
+<tendon><spatial name="c" stiffness="3.3333333" springlength="0.123456789"><site site="s"/>
+<site site="t"/></spatial></tendon>
+<actuator><position name="p" joint="j" kp="12.3456789" kv="0.1234567"/></actuator></mujoco>"""
+
+
+def test_a_file_that_mujoco_saved_agrees_with_its_source(tmp_path, pair):
+    saved = tmp_path / "saved.xml"
+    saved.write_text(six_digits(pair_robots.MJCF))
+    (tmp_path / "many.xml").write_text(MANY_KINDS)
+    many = tmp_path / "many_saved.xml"
+    many.write_text(six_digits(MANY_KINDS))
+    for a, b in ((pair[0], saved), (saved, pair[1]), (tmp_path / "many.xml", many)):
+        result = compare(a, b)
+        assert result.passed, str(result)
+        assert not result.causes
+        assert result.tolerance == 1e-5
+        assert 1e-7 < max(cause.printed for cause in result.within) < 5e-6  # half a unit, at most
+        assert "count as equal, the largest difference is" in result.verdict
+    assert not compare(pair[0], saved, tolerance=0.0).passed
+    code, out, _ = command("compare", pair[0], saved, "--engines", "--samples", "2")
+    assert (code, "the files agree; " in out) == (0, True)
+
+
+def test_a_difference_larger_than_rounding_shows_all_of_them(tmp_path, pair):
+    saved = tmp_path / "saved.xml"
+    saved.write_text(six_digits(pair_robots.MJCF.replace('mass="0.4"', 'mass="0.40001"')))
+    result = compare(pair[0], saved)
+    assert result.tolerance == 0.0
+    assert {"mass", "pose"} <= set(kinds(result))
+    result = compare(pair[0], saved, tolerance=1e-5)
+    assert kinds(result) == {"mass": 1}
+    assert {cause.kind for cause in result.within} >= {"pose"}
+    assert compare(pair[0], saved, tolerance=1e-4).passed
+
+
+def test_digits_do_not_excuse_what_two_exact_files_state(tmp_path, pair):
+    """The other file has more than six digits, and so has this one; 8e-6 is a difference."""
+    other = tmp_path / "other.xml"
+    other.write_text(pair_robots.MJCF.replace('mass="0.4"', 'mass="0.4000032"'))
+    assert kinds(compare(pair[1], other)) == {"mass": 1}
+    assert compare(pair[1], other, tolerance=1e-5).passed
+    code, out, _ = command("compare", pair[1], other, "--tolerance", "1e-5", "--json", "-")
+    report = json.loads(out)
+    assert (code, report["tolerance"], len(report["within"])) == (0, 1e-5, 1)
+    assert report["within"][0]["printed"] == pytest.approx(8e-6, rel=1e-3)
+    code, _, err = command("compare", *pair, "--tolerance", "-1")
+    assert (code, err) == (2, "error: tolerance: expected a finite number >= 0, got -1.0\n")
+
+
+ROPE = """<robot name="rope"><link name="base"/><link name="load"><inertial><mass value="0.4"/>
+<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="lift" type="prismatic"><parent link="base"/><child link="load"/>
+<origin xyz="0.2 0 0"/><axis xyz="0 0 1"/>
+<limit lower="-0.1" upper="0.1" effort="9" velocity="9"/></joint>
+<softdyn version="1"><tendon name="rope">{}</tendon>
+<actuator name="pull" tendon="rope" gear="-1" lower="0" upper="9"/></softdyn></robot>"""
+SITES = ('<site link="base" xyz="-0.2 0 0"/>', '<site link="base" xyz="0 0 0.1"/>',
+         '<site link="load" xyz="0 0 0"/>')  # fmt: skip
+DRUM = """<mujoco><worldbody><site name="s" pos="-0.2 0 0"/><site name="side" pos="0 0 0.2"/>
+<geom name="drum" type="cylinder" size="0.1 0.01" zaxis="0 1 0" contype="0" conaffinity="0"
+mass="0"/><body name="load" pos="0.2 0 0"><joint name="lift" type="slide" axis="0 0 1"
+range="-0.1 0.1" limited="true"/><inertial pos="0 0 0" mass="0.4" diaginertia="1e-4 1e-4 1e-4"/>
+<site name="h"/></body></worldbody><tendon><spatial name="rope"><site site="s"/>
+<geom geom="drum" sidesite="side"/><site site="h"/></spatial></tendon>
+<actuator><motor name="pull" tendon="rope" gear="-1" ctrlrange="0 9"/></actuator></mujoco>"""
+
+
+def test_a_site_on_the_straight_way_is_no_difference(tmp_path):
+    """Two more sites between two of one link, one of them twice; a third one bends the cable."""
+    a, b = tmp_path / "a.urdf", tmp_path / "b.urdf"
+    a.write_text(ROPE.format("".join(SITES)))
+    idle = '<site link="base" xyz="-0.1 0 0.05"/><site link="base" xyz="-0.05 0 0.075"/>'
+    b.write_text(ROPE.format(SITES[0] + idle + "".join(SITES[1:])))
+    for files in ((a, b), (b, a)):
+        assert compare(*files, strict=True).passed
+    b.write_text(ROPE.format(SITES[0] + idle.replace("0.05", "0.06") + "".join(SITES[1:])))
+    (cause,) = compare(a, b).causes
+    assert (cause.kind, cause.a, cause.b) == ("tendon", "3 sites", "5 sites")
+    assert cause.detail.startswith("another number of sites, length ")
+    # a site of another link, on the straight way at zero only
+    b.write_text(ROPE.format("".join(SITES[:2]) + '<site link="load" xyz="-0.1 0 0.05"/>'
+                             + SITES[2]))  # fmt: skip
+    assert kinds(compare(a, b)) == {"tendon": 1}
+
+
+def test_a_cable_around_a_shape_is_called_so(tmp_path):
+    a, b = tmp_path / "a.urdf", tmp_path / "b.xml"
+    a.write_text(ROPE.format("".join(SITES)))
+    b.write_text(DRUM)
+    (cause,) = [cause for cause in compare(a, b).causes if cause.kind == "tendon"]
+    assert (cause.a, cause.b) == ("3 sites", "2 sites, cylinder of radius 0.1")
+    assert cause.detail == "around a shape in one file only"
+    for old, new, words in (
+        (' sidesite="side"', "", "on another side of a shape"),
+        ('type="cylinder"', 'type="sphere"', "around other shapes"),
+        ('pos="0 0 0.2"', 'pos="0 0 -0.2"', "point 4 moved 400 mm"),
+    ):
+        (tmp_path / "c.xml").write_text(DRUM.replace(old, new))
+        (cause,) = compare(b, tmp_path / "c.xml").causes
+        assert (cause.kind, cause.detail) == ("tendon", words)

@@ -9,6 +9,7 @@ import pytest
 from softdyn.validation import compare
 from softdyn.validation.crosschecks import engines
 from softdyn.validation.mjcf import compiled_fields, export
+from softdyn.validation.mjcf.comparison.finding import force
 from tests.support.command import command
 from tests.support.one_feature import PAIRS, Pair, edited, texts
 
@@ -80,6 +81,81 @@ def test_the_command_tells_what_a_spring_is(files):
     assert code == 1
     assert "stiffness  turn   1 0 0  1 2 3" in out
     assert "the files differ: stiffness" in out
+
+
+SPRUNG = """<robot name="r"><link name="base"/><link name="a"><inertial><origin xyz="0 0 -0.1"/>
+<mass value="0.2"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>
+</link><joint name="j" type="{kind}"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
+<limit lower="-0.5" upper="0.8" effort="9" velocity="9"/>
+<dynamics damping="{damping}" stiffness="{stiffness}"/></joint>
+<softdyn version="1"><tendon name="t" stiffness="3" damping="0.2" rest="0">
+<joint name="j" coef="2"/></tendon></softdyn></robot>"""
+POLYNOMIAL = """<mujoco><compiler angle="radian"/><worldbody><body name="a">
+<inertial pos="0 0 -0.1" mass="0.2" diaginertia="1e-4 1e-4 1e-4"/><joint name="j" axis="0 1 0"
+type="{kind}" range="-0.5 0.8" stiffness="{stiffness}" damping="{damping}"/></body></worldbody>
+<tendon><fixed name="t" springlength="0" stiffness="{tendon}" damping="{brake}">
+<joint joint="j" coef="2"/></fixed></tendon></mujoco>"""
+URDF_TYPES = {"hinge": "revolute", "slide": "prismatic"}
+
+
+def sprung(files, kind="hinge", **values):
+    stated = {"stiffness": "0.6", "damping": "0.02", "tendon": "3", "brake": "0.2"}
+    plain = {"stiffness": values.pop("plain_stiffness", "0.6"), "damping": "0.02"}
+    urdf = files[0].with_suffix(".urdf")
+    urdf.write_text(SPRUNG.format(kind=URDF_TYPES[kind], **plain))
+    files[1].write_text(POLYNOMIAL.format(kind=kind, **stated | values))
+    return urdf, files[1]
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "cause", "words"),
+    [
+        ("hinge", {"stiffness": "0.6 0 4"}, "stiffness", "0.48 against 2.528 N m at 0.8 rad"),
+        ("slide", {"stiffness": "0.6 0 4"}, "stiffness", "0.48 against 2.528 N at 0.8 m"),
+        ("hinge", {"damping": "0.02 0.01"}, "damping", "0.02 against 0.03 N m at 1 rad/s"),
+        ("hinge", {"stiffness": "0 0 4"}, "stiffness", "0.48 against 2.048 N m at 0.8 rad"),
+        ("slide", {"tendon": "3 1"}, "tendon", "stiffness: "),
+        ("slide", {"brake": "0.2 0 1"}, "tendon", "damping: 0.2 against 1.2 N at 1 m/s"),
+    ],
+)
+def test_a_polynomial_spring_differs_from_a_linear_one(files, kind, values, cause, words):
+    """Both files state a force, with one linear part, but the forces differ."""
+    pair = sprung(files, kind, **values)
+    for a, b in (pair, pair[::-1]):
+        result = compare(a, b)
+        (found,) = [c for c in result.causes if c.kind != "effort"]
+        assert (found.kind, found.one_sided, result.passed) == (cause, False, False)
+        if a is pair[0]:
+            assert words in found.detail
+    assert command("compare", *pair).code == 1
+
+
+def test_a_polynomial_that_only_the_mjcf_states_is_one_sided(files):
+    pair = sprung(files, stiffness="0 0 4", plain_stiffness="0")
+    result = compare(*pair)
+    (cause,) = [c for c in result.causes if c.kind == "stiffness"]
+    assert (cause.one_sided, result.passed) == (True, True)
+    assert "0 against 2.048 N m at 0.8 rad" in cause.detail
+    assert not compare(*pair, strict=True).passed
+
+
+def test_two_polynomials_that_meet_at_the_limit_differ(files):
+    """4 x³ and 2.56 x are equal at 0.8 rad, and nowhere between."""
+    pair = sprung(files, stiffness="0 0 4", plain_stiffness="2.56")
+    (cause,) = [c for c in compare(*pair).causes if c.kind == "stiffness"]
+    assert cause.effect["value"] > 0.1
+
+
+def test_the_forces_of_a_comparison_are_mujoco_s(files):
+    _, mjcf = sprung(files, stiffness="0.6 2 4", damping="0.02 0.01 0.3")
+    model = mujoco.MjModel.from_xml_path(str(mjcf))
+    model.tendon_stiffness[:] = model.tendon_damping[:] = 0.0
+    data = mujoco.MjData(model)
+    for x, v in ((0.7, 2.0), (-0.4, -1.5)):
+        data.qpos[0], data.qvel[0] = x, v
+        mujoco.mj_forward(model, data)
+        assert force("stiffness", (0.6, 2.0, 4.0), x) == pytest.approx(-data.qfrc_spring[0])
+        assert force("damping", (0.02, 0.01, 0.3), v) == pytest.approx(-data.qfrc_damper[0])
 
 
 def test_every_field_is_read_or_told_or_has_a_reason():
