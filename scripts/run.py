@@ -90,6 +90,13 @@ goal.add_argument(
 )
 parser.add_argument("--duration", type=cli.positive, metavar="S", help="length of the run in s")
 parser.add_argument(
+    "--q0",
+    type=cli.finite,
+    nargs="+",
+    metavar="Q",
+    help="initial joint positions, within their limits",
+)
+parser.add_argument(
     "--period",
     type=cli.positive,
     metavar="S",
@@ -178,6 +185,7 @@ def command(arguments: cli.Arguments) -> int:
             experiment,
             duration=arguments.duration,
             period=arguments.period,
+            q0=arguments.q0,
             contacts=arguments.contacts,
             plant=plant,
             rig=rig,
