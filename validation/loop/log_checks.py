@@ -59,9 +59,8 @@ NAMES = (
     "sensor_names", "command_units", "sensor_units", "task_names", "task_units",
     "disturbance_names", "disturbance_units", "marks",
 )  # fmt: skip
-ADDED: dict[str, Any] = {"plant": None, "obstacles": None, "start": ""} | {
-    name: [] for name in NAMES
-}
+ADDED: dict[str, Any] = {"plant": None, "obstacles": None, "start": ""}
+ADDED |= {name: [] for name in NAMES}
 
 
 def _format(about: Any) -> Any:
