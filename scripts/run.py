@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
@@ -173,7 +174,7 @@ def command(arguments: cli.Arguments) -> int:
         from softdyn.validation.loop.certificate import TrueRate, certified
 
         TrueRate(controller)  # it may refuse the controller
-    rig, observer, shown = make_rig(arguments.rig), None, None
+    rig, observer, shown = make_rig(arguments.rig, model), None, None
     if arguments.observer is not None:
         from softdyn.validation.loop.observation import make_observer
 
@@ -324,10 +325,22 @@ def make_plant(model: SoftModel, arguments: cli.Arguments) -> Scene | None:
     return plant
 
 
-def make_rig(said: str | None) -> Any:
-    """The rig of the robot's file, or with what a TOML file changes."""
+def make_rig(said: str | None, model: SoftModel) -> Any:
+    """The rig of the robot's file, or with what a TOML file changes.
+
+    A warning says that the file states none.
+    """
+    from softdyn.dynamics.text import rig_lines
     from softdyn.validation.twin.rig import FROM_FILE, Rig
 
+    robot = model.robot
+    rubs = any(tendon.friction for tendon in robot.tendons)
+    if said == FROM_FILE and not rubs and not any(rig_lines(robot)):
+        warnings.warn(
+            f"{robot.path}: --rig changes nothing: the file states no lag, delay, winch, sensor or "
+            "friction of cables",
+            stacklevel=2,
+        )
     return said if said in (None, FROM_FILE) else Rig.of(cli.read_toml(said))
 
 

@@ -103,7 +103,7 @@ class ClosedLoop(Separate):
     contacts : bool
         Whether the plant's links can touch.
     friction : bool
-        Whether the plant has the file's dry friction.
+        Whether the plant has the file's dry friction of joints, and of cables on their guides.
     twin : Callable[..., Twin]
         Makes the plant, called as `Twin` with the robot, timestep, contacts and friction.
     plant : str, Path or MappedPlant, optional
