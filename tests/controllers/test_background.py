@@ -15,7 +15,7 @@ from functools import cache, partial
 import numpy as np
 import psutil
 import pytest
-from softdyn.controllers.predictive.follow import ARRIVES, STUCK
+from softdyn.controllers.predictive.plan import ARRIVES, STUCK
 
 from softdyn import Ellipse, InputError, SetPoint, load, statics
 from softdyn.controllers import Compensated, SafetyFilter, SoftIdClfQp, best
