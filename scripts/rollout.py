@@ -87,7 +87,7 @@ def command(arguments: cli.Arguments) -> int:
     if logs_to:
         cli.make_folder(Path(arguments.out))
         cli.check_outputs(parser, arguments, *logs_to)
-    parts = (*model.robot.joints, *model.robot.tendons)
+    parts = [*model.robot.joints, *model.robot.tendons]
     if arguments.friction and not any(part.friction for part in parts):
         warnings.warn(
             f"{model.robot.path}: --friction changes nothing: no joint or cable has friction",
