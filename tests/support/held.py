@@ -163,7 +163,6 @@ def objects(uses: Uses) -> list[tuple[Any, Callable[[Any], list[Any]]]]:
     return [
         *((one, uses.look) for one in data),
         *((make(model), uses.control) for make in LAWS.values()),
-        (controllers.Certified(CONTROLLERS["id-clf-qp"](model)), uses.control),
         (controllers.Compensated(CONTROLLERS["ic"](model), model, delay=0.02), uses.control),
         (controllers.SafetyFilter(CONTROLLERS["ic"](model), model, walls[:2]), uses.control),
         (CONTROLLERS["soft-id-clf-qp"](model, tasks=point), uses.control),
