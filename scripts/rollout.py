@@ -87,8 +87,9 @@ def command(arguments: cli.Arguments) -> int:
     if logs_to:
         cli.make_folder(Path(arguments.out))
         cli.check_outputs(parser, arguments, *logs_to)
-    parts = [*model.robot.joints, *model.robot.tendons]
-    if arguments.friction and not any(part.friction for part in parts):
+    rubs = any(joint.friction for joint in model.robot.joints)
+    rubs = rubs or any(tendon.friction for tendon in model.robot.tendons)
+    if arguments.friction and not rubs:
         warnings.warn(
             f"{model.robot.path}: --friction changes nothing: no joint or cable has friction",
             stacklevel=1,
