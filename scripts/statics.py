@@ -17,11 +17,11 @@ ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotate
 of a robot of example-robot-data.
 
 By default the targets are the four set points of the paper's ellipse for its robots. For any other
-robot they are four stable equilibria, as far apart as its inputs can move the tip. The search for
-every target begins at many starts: stable equilibria under random inputs, and random shapes. Every
-equilibrium found is exact, but others may exist. Each one is put into the MuJoCo twin, which holds
-its input for --hold seconds, once exactly and once with joints displaced by 1e-3 rad. The report
-has the tip's drift.
+robot they are four stable equilibria, as far apart as its inputs can move the tip. A robot without
+inputs has no targets: the answer is its equilibrium. The search for every target begins at many
+starts: stable equilibria under random inputs, and random shapes. Every equilibrium found is exact,
+but others may exist. Each one is put into the MuJoCo twin, which holds its input for --hold
+seconds, once exactly and once with joints displaced by 1e-3 rad. The report has the tip's drift.
 
 --inputs raises the given input slowly from rest instead, and shows the resulting equilibrium.
 --pose searches the equilibria nearest to a pose of the tip.
@@ -145,9 +145,10 @@ def given(model: SoftModel, inputs: list[float]) -> np.ndarray:
 
     from softdyn import InputError
 
-    u = np.array(inputs)
+    u = np.array(inputs, float)
     if u.shape != (model.nu,):
-        raise InputError("--inputs", f"{model.nu} numbers", f"{len(u)}")
+        expected = f"{model.nu} numbers" if model.nu else "none, because the robot has no inputs"
+        raise InputError("--inputs", expected, f"{len(u)}")
     if (u < model.u_min).any() or (u > model.u_max).any():
         raise InputError("--inputs", f"numbers from {model.u_min} to {model.u_max}", u)
     return u

@@ -27,6 +27,7 @@ ACCEPTED = 1e-6  # the largest scaled residual of an answer that counts as solve
 # more will not be solved, and must end within milliseconds.
 MAX_ITERATIONS, MAX_INNER = 60, 5
 POLISH_STEPS = 8
+ROUNDING = 2.0**-44  # of an LU of a scaled problem, relative to its largest row
 NO_GUESS = proxqp.InitialGuess.NO_INITIAL_GUESS
 WARM = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
 
@@ -75,7 +76,8 @@ class QpSolution(NamedTuple):
 def residuals(problem: QpProblem, x: np.ndarray, z: np.ndarray) -> tuple[float, float, float]:
     """Primal, dual and duality-gap residuals, each relative to the size of its cancelling terms.
 
-    The primal residual of a row whose bounds are closer than 1 is relative to their distance.
+    The primal residual of a row whose bounds are closer than 1 is relative to their distance;
+    there, an excess within rounding counts as none.
     """
     return _residuals(*problem, x, z)
 
@@ -263,8 +265,12 @@ def _residuals(H, g, A, lower, upper, x, z):
     for i in range(rows):
         excess = max(0.0, lower[i] - Ax[i], Ax[i] - upper[i])
         width = upper[i] - lower[i]
-        # for a narrow row the error is relative to the width of its bounds
-        primal = _larger(primal, excess / (width if 0 < width < 1 else largest))
+        if 0 < width < 1:
+            # for a narrow row the error is relative to the width of its bounds, which may be less
+            # than the rounding of numbers of order one
+            primal = _larger(primal, _larger(0.0, excess - ROUNDING * largest) / width)
+        else:
+            primal = _larger(primal, excess / largest)
         # Lagrangian duality: xᵀHx + gᵀx + Σ (z⁺ upper - z⁻ lower) = 0 at the optimum
         if z[i] != 0:
             support += z[i] * (upper[i] if z[i] > 0 else lower[i])

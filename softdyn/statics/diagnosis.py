@@ -20,6 +20,7 @@ from softdyn.dynamics.text import head, joint_lines, numbers, rig_lines
 from softdyn.exceptions import SoftdynError, UrdfError
 from softdyn.statics.equilibria import rest
 from softdyn.statics.equilibrium import Equilibrium
+from softdyn.statics.stops import locked_inputs
 from softdyn.statics.suspicious_values import fast_springs, suspicious_shapes, suspicious_values
 from softdyn.statics.zero_dynamics import Pose, find_boundary, sample_poses
 
@@ -215,11 +216,16 @@ class Diagnosis:
             )
 
     def _actuation_lines(self) -> Iterator[str]:
-        nu, nv, drops = self.model.nu, len(self.rest.coordinates), self.rank_drops
+        model, nv, drops = self.model, len(self.rest.coordinates), self.rank_drops
+        locked = locked_inputs(model)
+        moving = int(model.nu - locked.sum())
         yield (
-            f"actuation: {nu} inputs move {self.rank} of {nv} directions, "
-            f"springs and gravity have the other {nv - self.rank}"
+            f"actuation: {moving} {'input moves' if moving == 1 else 'inputs move'} {self.rank} of "
+            f"{nv} directions, springs and gravity have the other {nv - self.rank}"
         )
+        for k in np.flatnonzero(locked):
+            actuator = model.robot.actuators[k]
+            yield f"  {actuator.name} moves nothing: its bounds hold it at {actuator.lower:g}"
         if drops:
             some = ", ".join(f"{pose.name} (rank {pose.rank})" for pose in drops[:3])
             yield f"  fewer at {len(drops)} of {len(self.poses)} poses: {some}"

@@ -14,7 +14,7 @@ from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.projection import Projection, underlying_tree
 from softdyn.exceptions import InputError
 from softdyn.statics.equilibrium import ROUNDING, Equilibrium, StaticsError, potential
-from softdyn.statics.stops import HardStops, SoftStops
+from softdyn.statics.stops import HardStops, SoftStops, locked_joints
 
 TOLERANCE = 1e-10  # residual over the largest force
 LARGEST_STEP = 0.3  # largest motion of a joint in one iteration (rad, m), to stay in the basin
@@ -309,5 +309,6 @@ def _equilibrium(
     model: SoftModel, q: np.ndarray, u: np.ndarray, here: _Forces, H: np.ndarray
 ) -> Equilibrium:
     # a joint that only touches its stop is free to leave it
-    held = here.held & (np.abs(here.stops) > ROUNDING * here.scale)
+    pressed = np.abs(here.stops) > ROUNDING * here.scale
+    held = here.held & (pressed | locked_joints(model.lower, model.upper))
     return Equilibrium(model, q, u, held, np.where(here.held & ~held, 0.0, here.stops), H)

@@ -11,6 +11,7 @@ from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.statics.branch import approach
 from softdyn.statics.equilibria import rest, settle
 from softdyn.statics.equilibrium import Equilibrium, StaticsError
+from softdyn.statics.stops import locked_inputs
 
 STATIONS = 12  # equilibria along a ray of inputs
 
@@ -99,12 +100,11 @@ def balancing_input(model: SoftModel, q: np.ndarray) -> np.ndarray:
     from scipy.optimize import lsq_linear  # imported only here, because it is slow to import
 
     u = np.clip(np.zeros(check_model(model).nu), model.u_min, model.u_max)
-    free = np.flatnonzero(model.u_max > model.u_min)
+    locked = locked_inputs(model)
+    free = np.flatnonzero(~locked)
     if free.size:
         state = model.state(q, np.zeros(model.nv))
-        goal = state.K + state.g
-        if free.size < model.nu:
-            goal = goal - state.B @ np.where(model.u_max > model.u_min, 0.0, u)
+        goal = state.K + state.g - state.B @ np.where(locked, u, 0.0)
         B = state.B if free.size == model.nu else state.B[:, free]
         bounds = (model.u_min[free], model.u_max[free])
         u[free] = lsq_linear(B, goal, bounds, method="bvls").x

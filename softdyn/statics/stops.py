@@ -6,6 +6,7 @@ All functions take joint coordinates (nv,), `SoftModel.coordinates` of a configu
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -14,6 +15,18 @@ from softdyn.copies import Frozen
 from softdyn.dynamics.model import SoftModel, check_model
 
 TOUCHING = 1e-9  # a joint this close to a limit counts as at it (rad, m)
+NO_ROOM = 1e-6  # of an input's bounds; a narrower range counts as none
+
+
+def locked_joints(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Joints (nv,) bool whose limits (nv,) leave them one position."""
+    return upper - lower <= TOUCHING
+
+
+def locked_inputs(model: SoftModel) -> np.ndarray:
+    """Inputs (nu,) bool whose bounds leave them one value, such as a preload."""
+    size = np.maximum(np.abs(check_model(model).u_min), np.abs(model.u_max))
+    return model.u_max - model.u_min <= NO_ROOM * np.maximum(size, 1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +58,7 @@ class HardStops(Frozen):
     def push(self, at: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Forces of the stops (nv,) that balance the residual r (nv,); held joints (nv,) bool."""
         held = (at <= self.lower + TOUCHING) & (r > 0) | (at >= self.upper - TOUCHING) & (r < 0)
+        held |= locked_joints(self.lower, self.upper)
         return np.where(held, r, 0.0), held
 
     def stiffness(self, at: np.ndarray) -> np.ndarray:
@@ -88,9 +102,21 @@ class SoftStops(Frozen):
         return np.clip(step, 0.9 * (self.lower - at), 0.9 * (self.upper - at))
 
     def push(self, at: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Forces of the stops (nv,), for any residual r; no joint is held."""
-        return self.weight / (at - self.lower) - self.weight / (self.upper - at), r != r
+        """Forces of the stops (nv,) for the residual r; held joints (nv,) bool, those locked."""
+        below, above = self._gaps(at)
+        return np.where(self.locked, r, self.weight / below - self.weight / above), self.locked
 
     def stiffness(self, at: np.ndarray) -> np.ndarray:
         """Stiffness (nv,) that the stops add to each joint."""
-        return self.weight / (self.upper - at) ** 2 + self.weight / (at - self.lower) ** 2
+        below, above = self._gaps(at)
+        added = self.weight / above**2 + self.weight / below**2
+        return np.where(self.locked, 0.0, added)
+
+    @cached_property
+    def locked(self) -> np.ndarray:
+        """Joints (nv,) bool without room between their limits; their stops are hard."""
+        return locked_joints(self.lower, self.upper)
+
+    def _gaps(self, at: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Distances (nv,) to both limits; 1 for a locked joint."""
+        return tuple(np.where(self.locked, 1.0, gap) for gap in (at - self.lower, self.upper - at))

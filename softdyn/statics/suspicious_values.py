@@ -141,7 +141,8 @@ def _bodies(robot: Robot) -> Iterator[str]:
 def _springs(robot: Robot) -> Iterator[str]:
     free = [joint for joint in robot.moving_joints if joint.mimic is None]
     elastic = any(j.stiffness > 0 for j in free) or any(t.stiffness > 0 for t in robot.tendons)
-    if not elastic and 0 < len(robot.actuators) < len(free):
+    moving = [actuator for actuator in robot.actuators if actuator.lower < actuator.upper]
+    if not elastic and 0 < len(moving) < len(free):
         yield (
             "no springs at all: only gravity holds the directions without an input; write stiffness"
             " in <gazebo><springStiffness>, or in a file for --annotations"
@@ -162,8 +163,8 @@ def _springs(robot: Robot) -> Iterator[str]:
             yield f"joint {joint.name!r} has a spring and no damping: it will oscillate for ever"
     for actuator in robot.actuators:
         tendon = next(t for t in robot.tendons if t.name == actuator.tendon)
-        if actuator.gear == 0 or actuator.lower == actuator.upper:
-            yield f"actuator {actuator.name!r} can do nothing: gear or range is zero"
+        if actuator.gear == 0 or actuator.lower == actuator.upper == 0:
+            yield f"actuator {actuator.name!r} can do nothing: its gear or both bounds are 0"
         if tendon.sites and actuator.gear > 0:
             yield f"actuator {actuator.name!r} pushes its cable: cables carry a gear < 0"
         if tendon.sites and actuator.gear < 0 and actuator.lower < 0:

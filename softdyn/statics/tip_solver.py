@@ -15,6 +15,7 @@ from softdyn.statics.branch import REACHED
 from softdyn.statics.equilibria import balance
 from softdyn.statics.equilibrium import Equilibrium, StaticsError
 from softdyn.statics.explore import TipProblem
+from softdyn.statics.stops import locked_joints
 
 ITERATIONS = 40
 LARGEST_STEP = 0.5  # of a joint's scale in one iteration
@@ -42,31 +43,33 @@ def solve_at_tip(problem: TipProblem, q: np.ndarray, u: np.ndarray) -> Equilibri
     """
     model, n = problem.model, problem.model.nv
     size = np.concatenate((problem.force, np.full(3, problem.length)))
+    locked = locked_joints(model.lower, model.upper)
+    joints = problem.free < n
 
     def residual(x: np.ndarray) -> tuple[np.ndarray, State]:
         """The scaled residuals, and the state at rest."""
-        z = x * problem.scale
-        state = model.state(model.configuration(z[:n]), np.zeros(n))
-        r = state.K + state.bias - state.B @ z[n:]
+        q, u = problem.shape(x)
+        state = model.state(q, np.zeros(n))
+        r = state.K + state.bias - state.B @ u
+        r[locked] = 0.0  # their stops take any force
         return np.concatenate((r, state.y - problem.target)) / size, state
 
-    q, u = array("q", q, (model.nq,)), array("u", u, (model.nu,))
-    x = np.concatenate((model.coordinates(q), u)) / problem.scale
+    x = problem.unknowns(array("q", q, (model.nq,)), array("u", u, (model.nu,)))
     x = np.clip(x, problem.low, problem.high)
     (r, state), damping = residual(x), 1e-2
     for _ in range(ITERATIONS):
         cost = r @ r
         if cost < ENOUGH or damping > 1.0:
             break
-        z = x * problem.scale
         slope = np.zeros((n + 3, n + model.nu))
-        slope[:n, :n] = stiffness(model, state.q, z[n:])
+        slope[:n, :n] = stiffness(model, state.q, problem.shape(x)[1])
         slope[:n, n:], slope[n:, :n] = -state.B, state.J
-        slope *= problem.scale / size[:, None]
+        slope[:n][locked] = 0.0
+        slope = problem.scaled(slope, size[:, None])
         square, fall = slope.T @ slope, slope.T @ r
         while damping <= 1.0:
             step = np.linalg.solve(square + damping * np.eye(len(x)), -fall)
-            step *= min(1.0, LARGEST_STEP / max(np.abs(step[:n]).max(), 1e-300))
+            step *= min(1.0, LARGEST_STEP / max(np.abs(step[joints]).max(initial=0.0), 1e-300))
             trial = np.clip(x + step, problem.low, problem.high)
             after, there = residual(trial)
             if after @ after < cost:
@@ -75,8 +78,8 @@ def solve_at_tip(problem: TipProblem, q: np.ndarray, u: np.ndarray) -> Equilibri
             damping = max(10 * damping, 1e-8)
     missed = float(np.abs(r * size)[:n].max(initial=0.0))
     if r @ r < CLOSE:
-        z = x * problem.scale
-        found = balance(model, z[n:], model.configuration(z[:n]))
+        q, u = problem.shape(x)
+        found = balance(model, u, q)
         if np.linalg.norm(found.y - problem.target) < REACHED:
             return found
     raise StaticsError(f"no equilibrium of {model.name} with the tip at {problem.target} m", missed)

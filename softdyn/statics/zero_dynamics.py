@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from softdyn.checks import whole
-from softdyn.dynamics.derivatives import gravity_stiffness, tangent_dynamics
+from softdyn.dynamics.derivatives import gravity_stiffness, stiffness, tangent_dynamics
 from softdyn.dynamics.model import SoftModel, check_model
+from softdyn.statics.stops import locked_inputs
 
 RANK_TOLERANCE = 1e-6  # singular values of B below this share of the largest count as zero
 UNLIMITED = math.pi  # range in which joints without limits are sampled
@@ -64,14 +65,20 @@ class Pose:
 
 
 def examine(model: SoftModel, coordinates: np.ndarray, name: str = "") -> Pose:
-    """Rank of B and stiffness of the unactuated directions at joint coordinates (nv,)."""
+    """Rank of B and stiffness of the unactuated directions at joint coordinates (nv,).
+
+    An input whose bounds leave it one value moves nothing: it is a constant force.
+    """
     q = model.configuration(coordinates)
-    state = model.state(q, np.zeros(model.nv))
-    left, values, _ = np.linalg.svd(state.B, full_matrices=True)
+    B, locked = model.state(q, np.zeros(model.nv)).B, locked_inputs(model)
+    left, values, _ = np.linalg.svd(_free(B, locked), full_matrices=True)
     rank = int((values > RANK_TOLERANCE * values.max(initial=0.0)).sum())
     U = left[:, rank:].T
-    falling = gravity_stiffness(model, q)
-    total, directions = np.linalg.eigh(U @ (model.tangent_stiffness(q) + falling) @ U.T)
+    falling, firm = gravity_stiffness(model, q), model.tangent_stiffness(q)
+    if locked.any():  # a constant pull adds to the stiffness
+        pull = np.where(locked, model.u_min, 0.0)
+        firm = stiffness(model, q, pull) - falling
+    total, directions = np.linalg.eigh(U @ (firm + falling) @ U.T)
     softest = directions[:, 0] @ U if len(total) else np.zeros(model.nv)
     if softest[np.abs(softest).argmax()] < 0:
         softest = -softest
@@ -139,13 +146,19 @@ def zero_spectrum(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
     """
     still = np.zeros(check_model(model).nv)
     state = model.state(q, still)
-    left, values, right = np.linalg.svd(state.J @ np.linalg.solve(state.M, state.B))
+    B = _free(state.B, locked_inputs(model))
+    left, values, right = np.linalg.svd(state.J @ np.linalg.solve(state.M, B))
     r = int((values > RANK_TOLERANCE * values.max(initial=0.0)).sum())
     K, D = tangent_dynamics(model, q, still, u)
     N = np.linalg.svd(left[:, :r].T @ state.J)[2][r:].T
-    W = np.linalg.svd(state.B @ right[:r].T)[0][:, r:].T
+    W = np.linalg.svd(B @ right[:r].T)[0][:, r:].T
     size = model.nv - r
     answers = np.linalg.solve(W @ state.M @ N, -np.hstack((W @ K @ N, W @ D @ N)))
     motion = np.vstack((np.eye(size, 2 * size, size), answers))
     poles = np.linalg.eigvals(motion)
     return poles[np.lexsort((poles.imag, -poles.real))]
+
+
+def _free(B: np.ndarray, locked: np.ndarray) -> np.ndarray:
+    """The columns of B (nv, nu) of inputs that can change."""
+    return B[:, ~locked] if locked.any() else B

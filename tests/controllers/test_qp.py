@@ -109,8 +109,14 @@ def test_residuals_by_another_formula(seed: int) -> None:
     Ax = [sum(A[i, j] * x[j] for j in range(6)) for i in range(8)]
     worst = [max(lower[i] - Ax[i], Ax[i] - upper[i], 0.0) for i in range(8)]
     width = [upper[i] - lower[i] for i in range(8)]
-    unit = [width[i] if 0 < width[i] < 1 else max(1, *map(abs, Ax)) for i in range(8)]
-    expected = max(w / u for w, u in zip(worst, unit, strict=True))
+    largest = max(1, *map(abs, Ax))
+    shares = [
+        max(worst[i] - 2.0**-44 * largest, 0.0) / width[i]
+        if 0 < width[i] < 1
+        else worst[i] / largest
+        for i in range(8)
+    ]
+    expected = max(shares)
     assert primal == pytest.approx(expected, rel=1e-12)
 
     terms = np.stack((H @ x, g, np.einsum("ij,i->j", A, z)))
@@ -358,3 +364,23 @@ def test_a_guess_gives_the_same_answer() -> None:
         answers = [qp.solve(problem) for qp in (plain, guessing)]
         assert all(answer is not None and answer.solved for answer in answers)
         np.testing.assert_allclose(answers[0].x, answers[1].x, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("width", [1e-15, 1e-12, 1e-9, 1e-6])
+def test_rows_with_hardly_any_room(seed: int, width: float) -> None:
+    """Their width may be less than the rounding of their sums, which is no excess."""
+    rng = np.random.default_rng(seed)
+    n, narrow = 10, np.arange(10) % 2 == 1
+    root = rng.normal(size=(n, n))
+    A = np.eye(n) - 0.9 * np.eye(n, k=-2)
+    lower = rng.normal(size=n)
+    upper = lower + np.where(narrow, width, rng.uniform(0.1, 2.0, n))
+    problem = QpProblem(root @ root.T + 0.01 * np.eye(n), 5 * rng.normal(size=n), A, lower, upper)
+    found, pinned = solve(problem), solve(problem._replace(upper=np.where(narrow, lower, upper)))
+    assert found is not None
+    assert pinned is not None
+    assert found.solved
+    excess = np.maximum(lower - A @ found.x, A @ found.x - upper)
+    assert excess[narrow].max() < 1e-13
+    np.testing.assert_allclose(found.x, pinned.x, atol=1e3 * width + 1e-9)

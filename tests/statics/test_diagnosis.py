@@ -227,7 +227,7 @@ def test_a_floating_base_is_held(tmp_path: Path, capsys: pytest.CaptureFixture[s
     text = capsys.readouterr().out
     assert "checked with the base held at its pose in the file: poses and equilibrium" in text
     assert f"softdyn crosscheck {path} --floating" in text
-    assert "1 inputs move 1 of 2 directions" in text
+    assert "1 input moves 1 of 2 directions" in text
 
 
 def test_a_free_body_without_joints_is_checked_as_far_as_it_can_be(tmp_path: Path) -> None:
