@@ -86,8 +86,8 @@ def _sizes(robot: Robot) -> Iterator[str]:
     slides = any(joint.kind == "prismatic" for joint in robot.chain(robot.task))
     if robot.length == 0 and not slides and not robot.floating:
         yield (
-            f"the tip {robot.task!r} cannot move: no joint offset on the way to it; "
-            "<task> may name another frame"
+            f"the tip {robot.task!r} sits at the base, no joint offset is on the way to it: "
+            '<task frame="…"/> names another link'
         )
 
 
