@@ -15,6 +15,7 @@ import numpy as np
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.checks import array
 from softdyn.compiled import COMPILES, compiled
+from softdyn.copies import Separate
 from softdyn.description.robot import Robot
 from softdyn.dynamics.model import check_model
 from softdyn.tasks.task import Task
@@ -110,7 +111,7 @@ class Controller(Protocol):
         ...
 
 
-class GuardedController(ABC):
+class GuardedController(Separate, ABC):
     """A controller whose arguments and input are checked by its guard.
 
     The call refuses a State of another robot and anything but a Reference, because compiled kernels
@@ -260,7 +261,7 @@ def no_arguments(state: Any, reference: Any, guard: InputGuard) -> InputError:
     return InputError("reference", "a Reference, e.g. SetPoint(y)", repr(reference))
 
 
-class InputGuard:
+class InputGuard(Separate):
     """Checks and clips inputs: its commands are always finite and within the bounds.
 
     `robot` is the controller's own; States of another one are refused. The fallback holds the last

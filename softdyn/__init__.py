@@ -18,8 +18,9 @@
 - `controllers`: the paper's controllers and ours; `validation`: the closed loop and checks in
   MuJoCo; `commands`: the command line;
 - `references`: set points and ellipses; `loading`: `load`; `checks`, `exceptions`: checks of
-  arguments, and errors; `files`: files written whole or not at all; `csv_columns`: columns of
-  numbers from CSV; `compiled`: kernels with and without Numba.
+  arguments, and errors; `copies`: copies that stay read-only, and share nothing that changes;
+  `files`: files written whole or not at all; `csv_columns`: columns of numbers from CSV;
+  `compiled`: kernels with and without Numba.
 
 The public names are imported when they are used, as `__init__.pyi` lists them, so that the command
 line answers `--help` without loading an engine.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from functools import cache
 from numbers import Integral, Real
 from typing import Any, TypeVar
@@ -14,6 +15,7 @@ import numpy as np
 from softdyn.exceptions import InputError
 
 FLOAT = np.dtype(float)
+ROUNDING = 1e-9  # of a limit
 Kind = TypeVar("Kind")
 
 
@@ -46,11 +48,8 @@ def number(
         For anything but a real number (text and booleans are none), for NaN, and for infinities;
         +∞ is allowed if `finite` is False.
     """
-    if isinstance(value, Real) and not isinstance(value, bool | np.bool_):
-        try:
-            result = float(value)
-        except OverflowError:  # an int too large for a float
-            result = math.inf
+    with suppress(InputError):
+        result = real(name, value)
         allowed = math.isfinite(result) or (not finite and result > 0)
         if allowed and above < result >= lower and result <= upper:
             return result
@@ -62,6 +61,30 @@ def number(
     bound += f" > {above:g}" if above > -math.inf else ""
     bound += f" and <= {upper:g}" if upper < math.inf else ""
     raise InputError(name, f"a {'finite ' if finite else ''}number{bound}", got)
+
+
+def beyond(value: float, limit: float) -> bool:
+    """Whether a value exceeds a limit by more than the rounding of sums and of units.
+
+    0.13 + 0.11 + 0.09 is less than 0.33.
+    """
+    return value > limit + ROUNDING * abs(limit)
+
+
+def real(name: str, value: Any) -> float:
+    """`value` as a float, maybe not finite.
+
+    Raises
+    ------
+    InputError
+        For anything but a real number; text and booleans are none.
+    """
+    if isinstance(value, Real) and not isinstance(value, bool | np.bool_):
+        try:
+            return float(value)
+        except OverflowError:  # an int too large for a float
+            return math.inf
+    raise InputError(name, "a number", repr(value))
 
 
 def whole(name: str, value: Any, lower: int = 0) -> int:
@@ -201,6 +224,22 @@ def read_only(values: Any) -> np.ndarray:
     result = np.array(values, float)
     result.flags.writeable = False
     return result
+
+
+def unit(name: str, value: Any) -> np.ndarray:
+    """A direction (3,) as a read-only unit vector.
+
+    Raises
+    ------
+    InputError
+        For anything but three finite numbers that are not all zero.
+    """
+    given = array(name, value, (3,))
+    largest = float(np.abs(given).max())
+    if largest == 0:
+        raise InputError(name, "a direction", repr(value))
+    scaled = given / largest  # squares of tiny or huge numbers would be 0 or infinite
+    return read_only(scaled / np.linalg.norm(scaled))
 
 
 def _not_an_array(name: str, finite: bool, shape: tuple[int, ...], got: str) -> InputError:

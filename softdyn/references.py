@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from softdyn.checks import array, number
+from softdyn.copies import Frozen
 from softdyn.exceptions import InputError
 
 _ZERO = np.zeros(3)
@@ -16,7 +17,7 @@ _ZERO.flags.writeable = False
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class Reference(Frozen):
     """The tip's desired motion at one instant.
 
     Attributes
@@ -42,10 +43,6 @@ class Reference:
             if value is not _ZERO:
                 object.__setattr__(self, name, array(name, value, (3,)))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        # Arrays from a pickle are writable; the constructor makes them read-only again.
-        return Reference, (self.y, self.ydot, self.yddot)
-
 
 class SetPoint(Reference):
     """A point to reach and hold: a constant reference, which can be called with t.
@@ -62,9 +59,6 @@ class SetPoint(Reference):
     def __call__(self, t: float) -> SetPoint:
         """The reference at time `t` (s), always the same."""
         return self
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return SetPoint, (self.y,)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
-from softdyn.checks import array, number, vector
+from softdyn.checks import array, beyond, number, vector
 
 
 @pytest.mark.parametrize("value", [2, 2.0, np.float32(2), np.int8(2), np.float64(2)])
@@ -79,3 +79,11 @@ def test_a_mask_that_hides_something_is_refused():
 def test_a_number_of_thousands_of_digits_is_refused():
     with pytest.raises(InputError, match="thousands of digits"):
         number("x", 10**5000)
+
+
+def test_rounding_is_not_beyond_a_limit():
+    assert not beyond(0.33, 0.13 + 0.11 + 0.09)
+    assert not beyond(0.13 + 0.11 + 0.09, 0.33)
+    assert beyond(0.3300001, 0.33)
+    assert not beyond(-0.33, 0.13 + 0.11 + 0.09)
+    assert beyond(1e-300, 0.0)

@@ -11,9 +11,13 @@ import math
 
 import numpy as np
 
-from softdyn import SoftModel
+from softdyn import InputError, SoftModel
 from softdyn.checks import number
 from softdyn.compiled import compiled
+from softdyn.description.rig import LONGEST_DELAY
+
+MOST_WAITING = 20_000  # commands on their way: 10 s in periods of 0.5 ms
+MOST_STEPS = 1_000  # of a prediction over the delay
 
 
 class Actuation:
@@ -34,11 +38,11 @@ class Actuation:
     Raises
     ------
     InputError
-        A time that is negative or not finite.
+        A time that is negative or not finite, a delay of more than 10 s.
     """
 
     def __init__(self, delay: float = 0.0, lag: float = 0.0) -> None:
-        self.delay = number("delay", delay, lower=0.0)
+        self.delay = number("delay", delay, lower=0.0, upper=LONGEST_DELAY)
         self.lag = number("lag", lag, lower=0.0)
 
     @classmethod
@@ -54,7 +58,17 @@ class Actuation:
         return cls(delay, lag)
 
     def reset(self, period: float, u: np.ndarray) -> None:
-        """Begin a run with a control period (s): `u` (nu,) has acted long enough to act whole."""
+        """Begin a run with a control period (s): `u` (nu,) has acted long enough to act whole.
+
+        Raises
+        ------
+        InputError
+            A period that is not positive, or so short that too many commands are on their way.
+        """
+        number("period", period, above=0.0)
+        if not self.delay / period <= MOST_WAITING:
+            least = f"{self.delay / MOST_WAITING:.3g} s or more, for a delay of {self.delay:g} s"
+            raise InputError("period", least, f"{period:g} s")
         whole = math.floor(self.delay / period + 1e-9)
         rest = max(self.delay - whole * period, 0.0)
         rest = rest if rest > 1e-9 * period else 0.0
@@ -73,9 +87,9 @@ class Actuation:
         Parameters
         ----------
         longest : float
-            No step is longer (s).
+            No step is longer (s), unless there would be more than 1000 of them.
         """
-        steps = math.ceil(self.delay / longest - 1e-9)
+        steps = math.ceil(min(self.delay / longest, MOST_STEPS) - 1e-9)
         return _means(self._waiting, self._spans, self.acting, self.lag, steps)
 
     def command_for(self, goal: np.ndarray, start: np.ndarray) -> np.ndarray:

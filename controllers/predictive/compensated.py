@@ -51,7 +51,8 @@ class Compensated(WrappingController):
     Raises
     ------
     InputError
-        A controller that cannot be called, one of tasks behind a delay, a time that is negative.
+        A controller that cannot be called, one of tasks behind a delay, a time that is negative, a
+        delay of more than 10 s.
     """
 
     def __init__(
@@ -72,7 +73,13 @@ class Compensated(WrappingController):
         self.reset(STEP)
 
     def reset(self, period: float) -> None:
-        """Begin a run with a control period (s)."""
+        """Begin a run with a control period (s).
+
+        Raises
+        ------
+        InputError
+            As `Actuation.reset` does.
+        """
         super().reset(period)
         self.actuation.reset(period, self.guard.held)
 

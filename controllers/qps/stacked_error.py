@@ -115,6 +115,7 @@ class StackedError:
         self._numbers = float(clf.eps), float(P[0, 0]), float(P[0, 1]), float(P[1, 1])
         self._found = np.zeros((3, r)), np.zeros((r, n))
         self._filled = np.zeros((4, r)), np.zeros((r, n)), np.zeros(len(order))
+        self.V = 0.0
         self._expose()
 
     def _expose(self) -> None:
@@ -123,7 +124,6 @@ class StackedError:
         self.J, self.Jdot = J.view(), np.zeros_like(J)
         self.J.flags.writeable = self.Jdot.flags.writeable = False
         self.mu_ref, self.yddot, self.row, self.ydot = vectors
-        self.V = 0.0
 
     def __getstate__(self) -> dict[str, Any]:
         views = ("J", "Jdot", "mu_ref", "yddot", "row", "ydot", "bound")

@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.checks import array, instance, number, read_only, vector
+from softdyn.checks import array, number, read_only, vector
 from softdyn.compiled import compiled
 from softdyn.description.robot import (
     MOST_FRICTION,
@@ -45,7 +45,7 @@ from softdyn.description.robot import (
 )
 from softdyn.dynamics.derivatives import Derivatives, tendon_curvature, tendon_forces
 from softdyn.dynamics.engine import moved_bodies
-from softdyn.dynamics.model import SoftModel, State, check_model, taut_gains
+from softdyn.dynamics.model import SoftModel, State, check_model, check_state, taut_gains
 from softdyn.dynamics.projection import Projection, project, underlying_tree
 from softdyn.dynamics.tendons import compile_tendons, moment_arms
 
@@ -75,7 +75,7 @@ class Capstan:
     Raises
     ------
     InputError
-        For coefficients of the wrong shape, that are not finite, or one number outside 0 to 10.
+        For coefficients of the wrong shape, or outside 0 to 10.
     """
 
     def __init__(self, model: SoftModel, friction: np.ndarray | float | None = None) -> None:
@@ -85,7 +85,9 @@ class Capstan:
             one = number("friction", given, lower=0.0, upper=MOST_FRICTION)
             driven = {actuator.tendon for actuator in robot.actuators}
             given = [one if tendon.name in driven else 0.0 for tendon in robot.tendons]
-        mu = array("friction", given, (len(robot.tendons),))
+        self._given = mu = array("friction", given, (len(robot.tendons),))
+        for tendon, value in zip(robot.tendons, mu, strict=True):
+            number(f"friction of {tendon.name!r}", value, lower=0.0, upper=MOST_FRICTION)
         tree, self._S = underlying_tree(model)
         dof = {name: k for k, name in enumerate(tree.joint_names)}
         self._moves = moved_bodies(tree.pin_model)
@@ -112,9 +114,18 @@ class Capstan:
         self._offsets = np.array([xyz for _, xyz in anchors], float).reshape(-1, 3, 1)
         self._downstream = np.triu(self.tendon[:, None] == self.tendon).astype(float)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Capstan, (self.model, self._given)
+
     def at(self, state: State) -> Guides:
-        """The guides in a state of the robot."""
-        instance("state", state, State, "a State, from model.state(q, v)")
+        """The guides in a state of the robot.
+
+        Raises
+        ------
+        InputError
+            For a State of another robot, as in the other methods.
+        """
+        check_state(self.model, state)
         arms, angles = self._pieces.coefficients, np.zeros(len(self.tendon))
         angles[self._at_joints] = np.abs(self._coordinates(state)[self._dof])
         if len(self._at_sites):

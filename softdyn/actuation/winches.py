@@ -15,16 +15,18 @@ with ȧ = (∂a/∂q) q̇. The derivatives are zero where the cable is slack or 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from softdyn.checks import instance, read_only, vector
+from softdyn.checks import read_only, vector
 from softdyn.description.rig import Actuator
 from softdyn.dynamics.derivatives import (
     Derivatives,
     acceleration_derivatives,
     tendon_curvature,
 )
-from softdyn.dynamics.model import SoftModel, State, check_model
+from softdyn.dynamics.model import SoftModel, State, check_model, check_state
 from softdyn.dynamics.projection import underlying_tree
 
 
@@ -70,10 +72,13 @@ class Winches:
                 ([actuator.length_upper for actuator in actuators], model.u_max),
             )
         )
-        self._tendon = tree.actuated
+        self._actuators, self._tendon = tuple(actuators), tree.actuated
         # results for other motors are discarded; 1 avoids a division by zero
         self._gear = np.where(self.winds, tree.gear, 1.0)
         self._divisor = np.where(self.winds, self.stiffness, 1.0)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Winches, (self.model, self._actuators)
 
     def tensions(self, state: State, commands: np.ndarray) -> np.ndarray:
         """The inputs u (m,): u = T / |gear| of a cable that pulls; a commanded force unchanged.
@@ -88,7 +93,8 @@ class Winches:
         Raises
         ------
         InputError
-            For a wrong shape or a number that is not finite, as in the other methods.
+            For a State of another robot, a wrong shape or a number that is not finite, as in the
+            other methods.
         """
         commands = self._checked(state, commands)
         return np.where(self.winds, self._wound(state, commands)[0], commands)
@@ -159,7 +165,7 @@ class Winches:
         )
 
     def _checked(self, state: State, commands: np.ndarray) -> np.ndarray:
-        instance("state", state, State, "a State, from model.state(q, v)")
+        check_state(self.model, state)
         return vector("commands", commands, self.model.nu)
 
     def _cables(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -3,6 +3,7 @@
 - `library`: finds a robot's file by name: bundled robots, paths, example-robot-data;
 - `strict_xml`: reads XML strictly; every error names file, line and element;
 - `urdf`: parses an annotated URDF: links, joints, checks of the whole;
+- `origins`: poses of URDF, with quaternions from version 1.1 on;
 - `mimics`: joints that follow others, composed along chains;
 - `urdf_writer`: writes a robot as URDF text, the inverse of the parse;
 - `annotations`: softdyn's additions: a joint's spring (stiffness and rest), the ``<softdyn>`` block

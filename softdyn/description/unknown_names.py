@@ -12,7 +12,7 @@ from difflib import SequenceMatcher
 
 from softdyn.description.strict_xml import Element
 
-ORIGIN = ("xyz", "rpy")
+ORIGIN = ("xyz", "rpy", "quat_xyzw")
 # The known children and attributes of each element; some of them are skipped.
 KNOWN: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "robot": (
@@ -33,7 +33,9 @@ KNOWN: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "axis": ((), ("xyz",)),
     "parent": ((), ("link",)),
     "child": ((), ("link",)),
-    "limit": ((), ("lower", "upper", "effort", "velocity")),
+    "limit": (
+        (), ("lower", "upper", "effort", "velocity", "acceleration", "deceleration", "jerk"),
+    ),
     "dynamics": ((), ("damping", "friction", "stiffness", "spring_stiffness")),
     "mimic": ((), ("joint", "multiplier", "offset")),
     "gazebo": (("springStiffness", "springReference"), ("reference",)),

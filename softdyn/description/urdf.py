@@ -25,13 +25,12 @@ from softdyn.description.annotations import (
 )
 from softdyn.description.inertia import MOMENTS
 from softdyn.description.mimics import compose_mimics, read_mimic
+from softdyn.description.origins import VERSIONS, in_rpy, read_origin, set_rpy, version
 from softdyn.description.other_tools import check_other_tools
 from softdyn.description.robot import (
     MOVING,
-    ZERO,
     Joint,
     Link,
-    Origin,
     Robot,
     Vector,
     deepest_leaf,
@@ -61,6 +60,8 @@ JUDGED: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "axis": (("xyz",), ()),
     "limit": (("lower", "upper", "effort", "velocity"), ()),
 }
+# Limits that URDF 1.2 may omit and nothing here uses, as Pinocchio's parser demands them.
+UNUSED = {"effort": "1e50", "velocity": "1e50"}
 
 
 def parse(
@@ -125,6 +126,7 @@ def _robot(
         raise root.error("the root element <robot>", f"<{root.tag}>{mjcf}")
     check_known_names(root)
     ignored, left_out = check_other_tools(root)
+    version(root)
     name = root.text("name")
     links = root.unique("link", _link)
     if not 0 < len(links) <= MAX_LINKS:
@@ -165,7 +167,7 @@ def _robot(
         sensors=block.sensors,
         task=block.task or deepest_leaf(robot),
         tasks=block.tasks,
-        xml=etree.tostring(_judged(root.node), encoding="unicode"),
+        xml=etree.tostring(_judged(root), encoding="unicode"),
         text=etree.tostring(root.node, encoding="unicode"),
         annotations=block_text,
         mended=bool(repairs),
@@ -175,16 +177,21 @@ def _robot(
     return replace(robot, warnings=(*left_out, *repairs, *_check_bodies(root, robot)))
 
 
-def _judged(node: etree._Element) -> etree._Element:
+def _judged(element: Element) -> etree._Element:
     """A copy of the tree with checked elements and attributes only, numbers verbatim."""
-    attributes, children = JUDGED[node.tag]
+    node = element.node
+    attributes, children = JUDGED[element.tag]
     if node.get("type") == "fixed":
         children = ("origin", "parent", "child")
-    copy = etree.Element(node.tag)
+    copy = etree.Element(element.tag)
+    defaults = UNUSED if element.tag == "limit" else {}
     for attribute in attributes:
-        if (value := node.get(attribute)) is not None:
+        if (value := node.get(attribute, defaults.get(attribute))) is not None:
             copy.set(attribute, value)
-    copy.extend(_judged(child) for child in node if child.tag in children)
+    copy.extend(_judged(child) for child in element.children() if child.tag in children)
+    origin = copy.find("origin")
+    if origin is not None:
+        set_rpy(origin, element)
     return copy
 
 
@@ -207,19 +214,9 @@ def _spelled(node: etree._Element) -> str:
     return etree.tostring(node, encoding="unicode", with_tail=False)
 
 
-def _origin(element: Element) -> Origin:
-    """An element's ``<origin>``."""
-    origin = element.child("origin")
-    if origin is None:
-        return Origin()
-    # Unknown attributes are refused: URDF 1.1's quat_xyzw overrides rpy in some engines only.
-    origin.allow("xyz", "rpy")
-    return Origin(rpy=origin.vector("rpy", ZERO), xyz=origin.vector("xyz", ZERO))
-
-
 def _link(element: Element) -> Link:
     inertial = element.child("inertial")
-    looks = (c.node for c in element.children() if c.tag in ("visual", "collision"))
+    looks = (in_rpy(c) for c in element.children() if c.tag in ("visual", "collision"))
     link = Link(element.text("name"), looks=tuple(map(_spelled, looks)))
     if inertial is None:
         return link
@@ -230,7 +227,7 @@ def _link(element: Element) -> Link:
         )
     moments = tuple(tensor.number(attribute) for attribute in MOMENTS)
     mass_value = mass.non_negative("value", None)
-    return replace(link, mass=mass_value, moments=moments, origin=_origin(inertial))
+    return replace(link, mass=mass_value, moments=moments, origin=read_origin(inertial))
 
 
 def _joint(element: Element, links: dict[str, Link]) -> Joint:
@@ -240,7 +237,7 @@ def _joint(element: Element, links: dict[str, Link]) -> Joint:
     if kind not in (*MOVING, "fixed"):
         raise element.error(f"type {', '.join(MOVING)} or fixed", repr(kind))
     parent, child = (_end(element, tag, links) for tag in ("parent", "child"))
-    joint = Joint(name, kind, parent, child, _origin(element))
+    joint = Joint(name, kind, parent, child, read_origin(element))
     if not joint.moves:
         return joint
     (lower, upper, effort, velocity), dynamics = _limits(element, kind), element.child("dynamics")
@@ -283,8 +280,13 @@ def _limits(element: Element, kind: str) -> tuple[float, float, float, float]:
         if kind != "continuous":
             raise element.error('<limit lower="…" upper="…" effort="…" velocity="…"/>', "none")
         return -math.inf, math.inf, math.inf, math.inf
-    effort, velocity = (limit.non_negative(name, None) for name in ("effort", "velocity"))
-    lower, upper = limit.number("lower", 0.0), limit.number("upper", 0.0)
+    newest = version(element) == VERSIONS[-1]
+    unbounded = math.inf if newest else None
+    effort, velocity = (limit.non_negative(name, unbounded) for name in ("effort", "velocity"))
+    for name in ("acceleration", "deceleration", "jerk"):
+        limit.non_negative(name)
+    held = None if newest and kind != "continuous" else 0.0
+    lower, upper = limit.number("lower", held), limit.number("upper", held)
     if lower > upper:
         raise limit.error("lower <= upper", f"lower={lower} upper={upper}")
     span = (-math.inf, math.inf) if kind == "continuous" else (lower, upper)

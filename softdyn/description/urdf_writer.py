@@ -14,6 +14,7 @@ import numpy as np
 
 from softdyn.description.annotations import BLOCK, VERSION
 from softdyn.description.inertia import MOMENTS
+from softdyn.description.origins import VERSIONS
 from softdyn.description.rig import Actuator, Sensor
 from softdyn.description.robot import Joint, Link, Origin, Robot
 from softdyn.description.stated_task import StatedTask
@@ -38,7 +39,13 @@ def write(robot: Robot) -> str:
         legal = re.sub(r"-(?=-|\Z)", "- ", robot.comment)  # XML forbids "--" in a comment
         head.append(f"<!--{legal}-->")
     content = [*robot.others, *_tree(robot), *_block(robot)]
-    return "\n".join([*head, *_nested("robot", content, name=robot.name), ""])
+    # before URDF 1.2 a limit must state effort and velocity
+    newest = any(
+        math.isinf(j.effort + j.velocity) and math.isfinite(min(j.upper, j.effort, j.velocity))
+        for j in robot.joints
+    )
+    version = VERSIONS[-1] if newest else None
+    return "\n".join([*head, *_nested("robot", content, name=robot.name, version=version), ""])
 
 
 def tag(element: str, /, *inside: str, **attributes: object) -> str:
@@ -98,8 +105,11 @@ def _joint(joint: Joint) -> list[str]:
     inner = tag("dynamics", damping=joint.damping, friction=joint.friction or None)
     lines = [place, tag("axis", xyz=joint.direction) + inner]
     span = {} if joint.kind == "continuous" else {"lower": joint.lower, "upper": joint.upper}
-    if math.isfinite(joint.effort):
-        lines.append(tag("limit", **span, effort=joint.effort, velocity=joint.velocity))
+    for name in ("effort", "velocity"):
+        if math.isfinite(bound := getattr(joint, name)):
+            span[name] = bound
+    if span:
+        lines.append(tag("limit", **span))
     if (mimic := joint.mimic) is not None:
         multiplier, offset = mimic.multiplier, mimic.offset
         lines.append(tag("mimic", joint=mimic.leader, multiplier=multiplier, offset=offset))

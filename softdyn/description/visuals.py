@@ -6,14 +6,14 @@ either has no shapes here; `softdyn.view.scene` then draws its joints and links 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from softdyn.description.inertia import rotation_rpy
 from softdyn.description.meshes import Mesh, MeshError, locate
 from softdyn.description.meshes import read as read_mesh
+from softdyn.description.origins import read_origin
 from softdyn.description.robot import Robot
 from softdyn.description.strict_xml import Element, read, read_bytes
 
@@ -128,11 +128,8 @@ def _reach(visual: Visual) -> float:
 
 def _shapes(robot: Robot, link: str, element: Element, named: dict[str, Rgba]) -> list[Visual]:
     pose = np.eye(4)
-    origin = element.child("origin")
-    if origin is not None:
-        zero = (0.0, 0.0, 0.0)
-        pose[:3, :3] = rotation_rpy(origin.vector("rpy", zero))
-        pose[:3, 3] = origin.vector("xyz", zero)
+    origin = read_origin(element)
+    pose[:3, :3], pose[:3, 3] = origin.rotation, origin.translation
     material = element.child("material")
     rgba = None
     if material is not None:
@@ -156,9 +153,24 @@ def _shapes(robot: Robot, link: str, element: Element, named: dict[str, Rgba]) -
         )
     elif (sphere := geometry.child("sphere")) is not None:
         shape = SphereShape(sphere.non_negative("radius", None))
+    elif (capsule := geometry.child("capsule")) is not None:
+        radius, length = (capsule.non_negative(name, None) for name in ("radius", "length"))
+        return [Visual(link, pose @ at, part, rgba or GREY) for part, at in _parts(radius, length)]
     else:
-        raise MeshError("expected a <box>, <cylinder>, <sphere> or <mesh>, got another shape")
+        raise MeshError(
+            "expected a <box>, <cylinder>, <sphere>, <capsule> or <mesh>, got another shape"
+        )
     return [Visual(link, pose, shape, rgba or GREY, element.node.get("name") == "skin")]
+
+
+def _parts(radius: float, length: float) -> Iterator[tuple[Shape, np.ndarray]]:
+    """A capsule as a cylinder with a sphere at either end."""
+    if length > 0:
+        yield CylinderShape(radius, length), np.eye(4)
+    for z in (-length / 2, length / 2) if length > 0 else (0.0,):
+        at = np.eye(4)
+        at[2, 3] = z
+        yield SphereShape(radius), at
 
 
 def _colour(material: Element) -> Rgba | None:

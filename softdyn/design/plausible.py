@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from softdyn.checks import did_you_mean, number
+from softdyn.checks import beyond, did_you_mean, number
 from softdyn.design.cables import Cable, along
 from softdyn.design.layout import Layout
 from softdyn.design.rods import Arm, Section
@@ -84,7 +84,7 @@ def check(layout: Layout) -> None:
 def _within(what: str, value: float, limits: tuple[float, float], unit: str) -> None:
     number(what, value)
     low, high = limits
-    if not low <= value <= high:
+    if beyond(low, value) or beyond(value, high):
         bounds = f"{low:g} to {high:g}".replace("0 to", "at most") if low == 0 else (
             f"{low:g} to {high:g}"
         )  # fmt: skip
@@ -111,7 +111,7 @@ def _check_place(arm: Arm, cable: Cable) -> None:
             limit = along(section.radius, at)
             if cable.straight and section.disc is not None:
                 limit = max(limit, section.disc.radius)
-            if offset > limit * (1 + 1e-9):
+            if beyond(offset, limit):
                 inside = f"an offset inside the body, at most {limit:.4g} m there"
                 raise InputError(where, inside, f"{offset:.4g} m")
 

@@ -13,7 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.checks import array, did_you_mean, flag, instance, instances, length, number, whole
+from softdyn.checks import (
+    array,
+    beyond,
+    did_you_mean,
+    flag,
+    instance,
+    instances,
+    length,
+    number,
+    whole,
+)
 from softdyn.description.stated_task import StatedTask
 from softdyn.design.cables import (
     ArmSensor,
@@ -317,7 +327,7 @@ class Arm:
             raise InputError("sensors", "a unique name of each sensor", ", ".join(twice))
         for sensor in self.sensors:
             for point in sensor.points:
-                if point > self.length:
+                if beyond(point, self.length):
                     where = f"sensor {sensor.reading.name!r}"
                     raise InputError(where, f"a place up to {self.length:g} m", f"{point:g} m")
 

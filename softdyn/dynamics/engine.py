@@ -150,25 +150,55 @@ def memory(data: pin.Data) -> tuple[Memory, bool]:
     return Memory(*(np.array(array, order="C") for array in found)), False
 
 
-class Scratch(threading.local):
-    """Pinocchio's scratch memory; each thread gets its own.
+class Scratch:
+    """A Data of Pinocchio with views of its results; a copy is a new one, without results.
+
+    A copy of an array is no longer a view, and would keep old results for ever. So no other object
+    keeps views of a Data.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        The engine's model.
 
     Attributes
     ----------
+    model : pinocchio.Model
+        The engine's model.
     data : pinocchio.Data
         The algorithms write to it.
     memory, in_view : Memory, bool
         The results of `memory`.
     arguments : tuple
-        Arguments of the State's kernel; the first State fills it.
+        A kernel's arguments, views among them; its first call fills them in.
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        self.model, self.data = model, model.createData()
+        self.memory, self.in_view = memory(self.data)
+        self.arguments: tuple[Any, ...] = ()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.model,)
+
+    def results(self) -> Memory:
+        """The results of the algorithms that ran last."""
+        if not self.in_view:
+            self.memory.copy_from(self.data)
+        return self.memory
+
+
+class ThreadScratch(threading.local, Scratch):
+    """Scratch memory of which each thread gets its own.
+
+    Attributes
+    ----------
     latest : ndarray or None
         The q of the State whose kinematics the memory still holds.
     """
 
     def __init__(self, model: pin.Model) -> None:
-        self.data = model.createData()
-        self.memory, self.in_view = memory(self.data)
-        self.arguments: tuple[Any, ...] = ()
+        Scratch.__init__(self, model)
         self.latest: np.ndarray | None = None
 
 

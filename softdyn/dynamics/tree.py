@@ -15,7 +15,7 @@ from softdyn.dynamics import kernels
 from softdyn.dynamics.coordinates import Coordinates
 from softdyn.dynamics.engine import (
     BASE,
-    Scratch,
+    ThreadScratch,
     build_engine,
     free_joint,
     joint_tree,
@@ -77,7 +77,7 @@ class TreeModel(SoftModel):
             for field in ("lower", "upper", "stiffness", "rest", "damping", "armature")
         )
         model.armature = self.armature.copy()
-        self._scratch = Scratch(model)
+        self._scratch = ThreadScratch(model)
 
         bodies = joint_tree(model)[:, 0].tolist()
         first = [model.idx_qs[j] + k - model.idx_vs[j] for k, j in enumerate(bodies)]
@@ -154,7 +154,9 @@ class TreeModel(SoftModel):
         scratch.latest = q
         return self._assemble(q, here, v, scratch)
 
-    def _by_kernel(self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: Scratch) -> State:
+    def _by_kernel(
+        self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: ThreadScratch
+    ) -> State:
         """The rest of a State by a kernel, from Pinocchio's results in its memory."""
         pin.computeCentroidalMap(self.pin_model, scratch.data, here)
         if not scratch.in_view:
@@ -183,7 +185,9 @@ class TreeModel(SoftModel):
             y=y, ydot=ydot, lengths=lengths, moment_arms=arms,
         )  # fmt: skip
 
-    def _in_numpy(self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: Scratch) -> State:
+    def _in_numpy(
+        self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: ThreadScratch
+    ) -> State:
         """The same through Pinocchio's accessors and NumPy, without compiled kernels."""
         model, data = self.pin_model, scratch.data
         M = pin.crba(model, data, here, pin.Convention.WORLD).reshape(self.nv, self.nv)
@@ -333,10 +337,8 @@ class TreeModel(SoftModel):
 
         Their origin is that of a floating base, if there is one: see `about_base`.
         """
-        scratch = self._scratch
-        if not scratch.in_view:
-            scratch.memory.copy_from(scratch.data)
-        return scratch.memory.rotations, scratch.memory.translations
+        memory = self._scratch.results()
+        return memory.rotations, memory.translations
 
     def kinematics(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Joint Jacobian columns, as rows (n, 6), and the `placements`, all views of the engine.

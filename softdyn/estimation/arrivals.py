@@ -4,6 +4,9 @@ A reading that arrives at t belongs to its own time: t - latency, or with a rate
 of 1 / rate that is as old. At its own time the filter appends the predicted reading to the errors
 that it estimates; when the reading arrives, it is of this value. For a linear system this is the
 optimal use of a late reading: the estimate is that of a filter that waited for it.
+
+A step costs the square of the number of errors. So at most some `MOST_ROWS` of them are late
+readings: where more would wait, the filter expects only readings that are farther apart.
 """
 
 from __future__ import annotations
@@ -15,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.description.rig import Sensor, SensorKind
+from softdyn.checks import number
+from softdyn.description.rig import LONGEST_DELAY, Sensor, SensorKind
 from softdyn.dynamics.model import SoftModel
 from softdyn.estimation.covariance import kept_rows
 from softdyn.estimation.readings import Prediction, Reader
@@ -24,6 +28,8 @@ from softdyn.estimation.second_order import second_order, sharp
 SAME = 1e-3  # of a sampling interval or a step; times this close are one
 MATCH = 2e-6  # s, between the own times of a reading and of its prediction
 LEAST = 1e-6  # m, rad, …: noise below this is taken as this
+MOST_RATE = 1e9  # Hz; a number of samples stays a whole number
+MOST_ROWS = 150  # late readings that wait, of all channels
 
 
 @dataclass(eq=False)
@@ -44,8 +50,11 @@ class SensorChannel:
         Whether no reading bends with q: joints, and tendons with constant moment arms.
     straight : bool
         Whether no reading is a rotation or an angle.
-    last : int
-        The number of the last sample that has arrived.
+    apart : float
+        The least time (s) between the own times of two readings that wait.
+    last, newest : float
+        The number of the last sample that has arrived, and the newest own time (s) of a reading
+        that waits or has waited; -∞ for none.
     where : slice or ndarray of int
         The rows, as a slice of neighbours if they are.
     error : ndarray, (k,)
@@ -60,7 +69,9 @@ class SensorChannel:
     latency: float
     linear: bool
     straight: bool
-    last: int = -1
+    apart: float
+    last: float = -math.inf
+    newest: float = -math.inf
     where: Any = field(init=False)
     error: np.ndarray = field(init=False)
 
@@ -68,6 +79,10 @@ class SensorChannel:
         first, end = int(self.rows[0]), int(self.rows[-1]) + 1
         self.where = slice(first, end) if end - first == len(self.rows) else self.rows
         self.error = np.empty(len(self.rows))
+
+    def forget(self) -> None:
+        """No reading has arrived, none waits."""
+        self.last = self.newest = -math.inf
 
     def own_time(self, t: float) -> float:
         """The own time (s) of the reading that is there at time t (s)."""
@@ -109,31 +124,34 @@ class SensorChannel:
 
     def waits(self, begin: float, end: float) -> Iterator[float]:
         """Own times in (begin, end] of readings that arrive later than that, in steps so long."""
+        for own in self._late(begin, end):
+            if own >= self.newest + self.apart:
+                self.newest = own
+                yield own
+
+    def _late(self, begin: float, end: float) -> Iterator[float]:
+        """The same for readings that are any time apart."""
         step = end - begin
-        if self.rate == 0:
-            if self.latency > 0 and step > 0:
-                yield end + step * math.floor(self.latency / step + SAME) - self.latency
+        if step == 0:  # the length of the next step is not known
+            number = round(end * self.rate)
+            if self.latency > 0 and self.rate > 0 and abs(number - end * self.rate) <= SAME:
+                yield number / self.rate
             return
-        interval = 1.0 / self.rate
-        k = self._sample_at(end)
-        if step > 0:  # no older sample arrives after now
-            k = max(math.floor(begin * self.rate + SAME) + 1, self._number(end))
-        while k >= 0 and k * interval <= end + SAME * interval:
-            arrival = k * interval + self.latency
-            if step > 0:
-                arrival = end + step * max(math.ceil((arrival - end) / step - SAME), 0)
-            direct = self.latency == 0 and abs(k * interval - end) <= SAME * interval
-            if not direct and (step == 0 or self._number(arrival) == k):
-                yield k * interval
-            k += 1
+        # a reading of this span arrives with one of two steps
+        arrival = end + step * math.floor(self.latency / step + SAME)
+        if self.rate == 0:
+            if self.latency > 0:
+                yield arrival - self.latency
+            return
+        for number in sorted({self._number(arrival), self._number(arrival + step)}):
+            own = number / self.rate
+            within = begin * self.rate + SAME < number <= end * self.rate + SAME
+            direct = self.latency == 0 and abs(number - end * self.rate) <= SAME
+            if within and not direct:
+                yield own
 
     def _number(self, t: float) -> int:
         return math.floor((t - self.latency) * self.rate + SAME)
-
-    def _sample_at(self, t: float) -> int:
-        """The number of the sample at just this time; -1 if there is none."""
-        nearest = round(t * self.rate)
-        return nearest if abs(nearest - t * self.rate) <= SAME else -1
 
 
 @dataclass(eq=False)
@@ -218,11 +236,22 @@ class LateReadings:
 
 
 def sensor_channels(model: SoftModel, sensors: tuple[Sensor, ...]) -> list[SensorChannel]:
-    """The channels of sensors, in the order of the first sensor of each."""
+    """The channels of sensors, in the order of the first sensor of each.
+
+    Raises
+    ------
+    InputError
+        A rate or a latency out of range.
+    """
+    for sensor in sensors:
+        number(f"sensor {sensor.name!r}: rate", sensor.rate, lower=0.0, upper=MOST_RATE)
+        number(f"sensor {sensor.name!r}: latency", sensor.latency, lower=0.0, upper=LONGEST_DELAY)
     ends = np.cumsum([0, *(sensor.kind.size for sensor in sensors)])
     chosen: dict[tuple[float, float], list[int]] = {}
     for k, sensor in enumerate(sensors):
         chosen.setdefault((sensor.rate, sensor.latency), []).append(k)
+    late = sum(sensor.kind.size for sensor in sensors if sensor.latency > 0)
+    waiting = max(MOST_ROWS // max(late, 1), 1)
     found = []
     for (rate, latency), members in chosen.items():
         numbers = [np.arange(ends[k], ends[k + 1]) for k in members]
@@ -241,5 +270,8 @@ def sensor_channels(model: SoftModel, sensors: tuple[Sensor, ...]) -> list[Senso
         )
         rows, parts = np.concatenate(numbers), reader.components
         straight = not (parts.rotations or parts.angles)
-        found.append(SensorChannel(reader, rows, bias, variance, rate, latency, linear, straight))
+        apart = latency / waiting * (1 - SAME)
+        found.append(
+            SensorChannel(reader, rows, bias, variance, rate, latency, linear, straight, apart)
+        )
     return found

@@ -27,7 +27,7 @@ import pinocchio as pin
 
 from softdyn.compiled import compiled
 from softdyn.description.robot import sliding
-from softdyn.dynamics.engine import memory
+from softdyn.dynamics.engine import Scratch
 from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.projection import Projection, underlying_tree
 from softdyn.dynamics.tendons import TINY, moment_arms, segment_curvature
@@ -102,17 +102,15 @@ class ForceBalance:
 
     def __init__(self, model: SoftModel, disturbances: tuple[Disturbance, ...] = ()) -> None:
         tree, self._S = underlying_tree(model)
-        self._model, self._tree, n = model, tree, tree.nv
-        self._engine, self._data = tree.pin_model, tree.pin_model.createData()
-        self._memory, self._in_view = memory(self._data)
-        frame = self._engine.frames[self._engine.getFrameId(tree.robot.task, pin.FrameType.BODY)]
+        self._model, self._tree, n, engine = model, tree, tree.nv, tree.pin_model
+        frame = engine.frames[engine.getFrameId(tree.robot.task, pin.FrameType.BODY)]
         tip = frame.parentJoint
-        self._point = _point_mass(self._engine, tip, frame.placement.translation)
-        self._point_data = self._point.createData()
+        self._scratch = Scratch(engine)
+        self._point = Scratch(_point_mass(engine, tip, frame.placement.translation))
         moves_tip = np.zeros(n, bool)
-        for j in self._engine.supports[tip]:
+        for j in engine.supports[tip]:
             if j > 0:
-                moves_tip[self._engine.idx_vs[j] : self._engine.idx_vs[j] + 1] = True
+                moves_tip[engine.idx_vs[j] : engine.idx_vs[j] + 1] = True
         sizes = [one.size(tree) for one in disturbances]
         first = dict(zip(disturbances, np.cumsum([0, *sizes]), strict=False))
         self._places = np.array([first.get(one, -1) for one in Disturbance])
@@ -136,7 +134,6 @@ class ForceBalance:
             np.empty(n), *np.empty((3, n, n)), np.zeros((n, sum(sizes))),
             np.zeros((n, tree.nu)), np.empty(tree.nu),
         )  # fmt: skip
-        self._views: tuple[Any, ...] = ()
         self._still = np.zeros(n)
 
     def __call__(
@@ -165,26 +162,25 @@ class ForceBalance:
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, commands: np.ndarray, d: np.ndarray
     ) -> tuple[Any, ...]:
         """Arguments of `balance_terms` at a point of the tree; the first seven are the results."""
-        data, held, point = self._data, self._memory, self._point_data
-        pin.computeRNEADerivatives(self._engine, data, q, v, a)
+        scratch, point = self._scratch, self._point
+        pin.computeRNEADerivatives(scratch.model, scratch.data, q, v, a)
         place = self._places[1]
         if place >= 0:
             moves = (v, a) if d[place] >= 0 else (self._still, self._still)
-            pin.computeRNEADerivatives(self._point, point, q, *moves)
-        if not self._in_view:
-            held.copy_from(data)
-        if not self._views or not self._in_view:
+            pin.computeRNEADerivatives(point.model, point.data, q, *moves)
+        held = scratch.results()
+        if not scratch.arguments or not scratch.in_view:
             whole, mass = (
                 (one.tau, *(
                     np.reshape(block, (len(v), len(v)))
                     for block in (one.dtau_dq, one.dtau_dv, one.M.T)
-                )) for one in (data, point)
+                )) for one in (scratch.data, point.data)
             )  # fmt: skip
-            self._views = (
+            scratch.arguments = (
                 *self._results, *whole, *mass, held.S, held.rotations, held.translations
             )  # fmt: skip
         coordinates = self._tree.chart.of(q)
-        return (*self._views, v, coordinates, commands, d, self._places, *self._constants)
+        return (*scratch.arguments, v, coordinates, commands, d, self._places, *self._constants)
 
     def _expanded(self, d: np.ndarray) -> np.ndarray:
         """The disturbances (nd,) with one offset for each joint of the tree."""

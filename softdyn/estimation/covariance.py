@@ -139,11 +139,15 @@ def update(P, rows, errors, variances, change, gate):
 
 @compiled
 def symmetrised(P):
-    """Make P symmetric up to the last digit; its trace."""
+    """Make P symmetric up to the last digit, and no variance negative by rounding; its trace."""
     trace = 0.0
     for i in range(len(P)):
         for j in range(i):
             P[i, j] = P[j, i] = 0.5 * (P[i, j] + P[j, i])
+    for i in range(len(P)):
+        if P[i, i] < 0:
+            P[i] = 0.0
+            P[:, i] = 0.0
         trace += P[i, i]
     return trace
 

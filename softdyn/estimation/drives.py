@@ -11,6 +11,9 @@ winch is integrated to its free length.
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from operator import itemgetter
+
 import numpy as np
 
 from softdyn.actuation import Winches
@@ -51,11 +54,13 @@ class Drives:
         self._sent = [(t - self._longest - 1.0, self._limited.copy())]
 
     def send(self, t: float, commands: np.ndarray) -> None:
-        """The commands (m,) that are sent at time t (s)."""
+        """The commands (m,) that are sent at time t (s), the begin of a span or before it."""
         if self._ideal:
             self._sent[-1][1][:] = commands
-        else:
-            self._sent.append((t, commands.copy()))
+            return
+        while len(self._sent) > 1 and self._sent[1][0] + self._longest <= t:
+            del self._sent[0]
+        self._sent.append((t, commands.copy()))
 
     def over(self, begin: float, end: float) -> np.ndarray:
         """Mean acting commands (m,) over the next span (s): u, or free lengths of winches."""
@@ -63,17 +68,18 @@ class Drives:
             return self._sent[-1][1]
         mean = np.zeros(len(self._lag))
         for delay, mask in self._delays:
-            times = [t + delay for t, _ in self._sent]
-            last = max(k for k, t in enumerate(times) if k == 0 or t <= begin + SAME)
+            last = bisect_right(self._sent, begin + SAME - delay, key=itemgetter(0)) - 1
             at = begin
-            for k in range(last, len(times)):
-                until = min(times[k + 1], end) if k + 1 < len(times) else end
+            for k in range(max(last, 0), len(self._sent)):
+                until = end
+                if k + 1 < len(self._sent):
+                    until = min(self._sent[k + 1][0] + delay, end)
                 if until > at + SAME:
                     part = self._piece(mask, self._sent[k][1][mask], until - at)
                     mean[mask] += part * (until - at) / (end - begin)
                     at = until
-        while len(self._sent) > 1 and self._sent[1][0] + self._longest <= end:
-            del self._sent[0]
+                if until == end:
+                    break
         speed = mean[self._speeds]
         free = self._free[self._speeds]
         after = free + speed * (end - begin)

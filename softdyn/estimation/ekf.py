@@ -8,7 +8,8 @@ from dataclasses import fields
 
 import numpy as np
 
-from softdyn.checks import array, fill, instances, vector
+from softdyn.checks import array, fill, instances, real, vector
+from softdyn.copies import Separate
 from softdyn.description.rig import Sensor
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.estimation.arrivals import (
@@ -38,6 +39,8 @@ from softdyn.exceptions import InputError
 from softdyn.sensing import Sensors
 
 FROM_FILE = "file"
+LATEST = 1e10  # s; a double resolves microseconds up to here
+SHORTEST = 1e-9  # s; a step that is shorter is none
 LONGEST_GAP = 0.5  # s without a step; after it the covariance begins anew
 SURE = 1 - 1e-6  # the level at which first readings refute the start
 HALVINGS = 4  # of a step without a solution
@@ -46,7 +49,7 @@ GATE = 20.0  # deviations; readings further from their prediction count less and
 SET_BACK = 10  # refused steps with rising times; the clock is taken to be set back then
 
 
-class Ekf:
+class Ekf(Separate):
     """An extended Kalman filter of a robot's state and slow disturbances.
 
     The prediction is a backward Euler step with exact Jacobians and joint stops
@@ -123,6 +126,7 @@ class Ekf:
         self._start = array("start[0]", q, (model.nq,)), array("start[1]", v, (model.nv,))
         sizes = [one.size(model) for one in self.disturbances]
         ends = np.cumsum([0, *sizes])
+        self._disturbed = int(ends[-1])
         self._slices = {
             one.value: slice(int(a), int(b))
             for one, a, b in zip(self.disturbances, ends, ends[1:], strict=False)
@@ -155,8 +159,8 @@ class Ekf:
         self._q = vector("q", self._start[0] if q is None else q, model.nq)
         self._v = vector("v", self._start[1] if v is None else v, model.nv)
         self._drifting = np.zeros(len(self._drift.variances))
-        self._d = self._drifting[: sum(one.size(model) for one in self.disturbances)]
         self._late = LateReadings(2 * model.nv + len(self._drifting))
+        self._step.forget()
         self._cover(1.0)
         self._held = np.zeros(model.nv, np.int64)
         self._time, self._refused, self._behind = math.nan, -math.inf, 0
@@ -173,7 +177,12 @@ class Ekf:
         self._P = np.diag(np.concatenate((scale * self._first, self._drift.variances)))
         self._late.clear()
         for channel in self._channels:
-            channel.last = -1
+            channel.forget()
+
+    @property
+    def _d(self) -> np.ndarray:
+        """The disturbances (nd,), a view: a copied filter would not move an array of its own."""
+        return self._drifting[: self._disturbed]
 
     @property
     def counts(self) -> EkfCounts:
@@ -195,7 +204,7 @@ class Ekf:
         Parameters
         ----------
         t : float
-            Time (s), later than in the last step.
+            Time (s), at most ±1e10, and later than in the last step by a nanosecond or more.
         measurements : array_like, (k,)
             Readings in the sensors' order, NaN for one that is not there. A sensor with a rate
             is read at the multiples of its interval; the same value may be given in between.
@@ -206,15 +215,16 @@ class Ekf:
         Raises
         ------
         InputError
-            For arrays of another shape or text.
+            For a time that is no number, and arrays of another shape or text.
         """
         readings = fill("measurements", measurements, self._readings)
         commands = fill("u", u, self._commands)
-        t = float(t)
+        t = real("t", t)
         first = math.isnan(self._time)
-        if not math.isfinite(t) or (not first and t <= self._time):
+        if not abs(t) <= LATEST or (not first and t < self._time + SHORTEST):
             self._count("refused")
-            self._behind = self._behind + 1 if t > self._refused else 0
+            behind = self._refused < t <= self._time
+            self._behind = self._behind + 1 if behind else 0
             self._refused = t
             if self._behind < SET_BACK:
                 return self._estimate()

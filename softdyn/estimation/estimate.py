@@ -9,11 +9,12 @@ import numpy as np
 from scipy.special import ndtri
 
 from softdyn.checks import number
+from softdyn.copies import Frozen, freeze
 from softdyn.exceptions import InputError
 
 
 @dataclass(frozen=True, eq=False)
-class StateEstimate:
+class StateEstimate(Frozen):
     """The estimate at one instant; its arrays are read-only.
 
     Attributes
@@ -47,11 +48,7 @@ class StateEstimate:
     normalised: np.ndarray
 
     def __post_init__(self) -> None:
-        for held in (self.q, self.v, self.covariance, self.residuals, self.normalised):
-            held.flags.writeable = False
-        for table in (self.disturbances, self.deviations):
-            for held in table.values():
-                held.flags.writeable = False
+        freeze(vars(self).values())
 
     def interval(self, name: str, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper ends of a disturbance's interval at a level, component by component.

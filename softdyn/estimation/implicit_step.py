@@ -86,6 +86,10 @@ class ImplicitStep:
         self._terms: tuple[np.ndarray, ...] = ()  # of the last balance, if the step had a solution
         self._last = np.empty(3 * n + model.nu + disturbed)  # its arguments
 
+    def forget(self) -> None:
+        """The next step does not begin on the linear model of the last one."""
+        self._terms = ()
+
     def __call__(
         self,
         q: np.ndarray,
@@ -140,7 +144,7 @@ class ImplicitStep:
             moved = speed, there, acceleration, q, v, at, self._limits, found_held, step
             try:
                 if known:
-                    _linear_newton(*moved, self._last, commands, d, *terms[:6])
+                    _linear_newton(*moved, self._last, commands, d, *terms)
                     known = False
                     continue
                 if self._projected:
@@ -158,7 +162,7 @@ class ImplicitStep:
                 _derivatives(by_state, by_force, by_q, by_v, by_a, by_d, found_held, step)
                 if plain:
                     np.concatenate((there, speed, acceleration, commands, d), out=self._last)
-                    self._terms = terms
+                    self._terms = terms[:6]
                 return True
         return False
 

@@ -13,6 +13,7 @@ from softdyn.estimation.balance import Disturbance
 from softdyn.exceptions import InputError
 
 HORIZON = 0.3  # s, of the force that moves a joint without a spring, and of the first velocity
+SHORTEST_STEP = 1e-4  # s; a step over the longest gap ends within seconds
 CORRELATED = 0.01  # s, over which a joint force of the process noise is constant
 
 
@@ -43,7 +44,7 @@ class EkfParameters:
     joint_offsets : float
         Of the rest positions, as a share of each joint's range.
     longest : float
-        No step of the prediction is longer (s).
+        No step of the prediction is longer (s); at least 1e-4.
     """
 
     spread: float = 0.01
@@ -59,6 +60,7 @@ class EkfParameters:
     def __post_init__(self) -> None:
         for field in fields(self):
             number(field.name, getattr(self, field.name), above=0.0)
+        number("longest", self.longest, lower=SHORTEST_STEP)
 
     @property
     def widening(self) -> float:
@@ -104,9 +106,11 @@ class EkfCounts:
     doubted : int
         Readings more than 20 deviations from their prediction; they correct little.
     unmatched : int
-        Late readings whose own time was in no step.
+        Late readings whose own time was in no step, or of which too many wait
+        (`softdyn.estimation.arrivals`).
     refused : int
-        Steps whose time is not finite or not after the last one; they change nothing.
+        Steps whose time is not finite, beyond ±1e10 s, or not after the last one; they change
+        nothing.
     gaps : int
         Pauses longer than 0.5 s, and clocks that were set back: ten refused steps in a row whose
         times rise. The covariance begins anew at the estimate.

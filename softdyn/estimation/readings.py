@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from softdyn.compiled import compiled
 from softdyn.description.rig import Sensor, SensorKind
-from softdyn.dynamics.engine import memory, moved_bodies
+from softdyn.dynamics.engine import Scratch, moved_bodies
 from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.projection import underlying_tree
 from softdyn.dynamics.tendons import moment_arms, segment_curvature
@@ -69,8 +69,7 @@ class Reader:
         self._simple = S is None and all(sensor.kind in SIMPLE for sensor in sensors)
         if not self._simple:
             return
-        self._tree, self._data = tree, tree.pin_model.createData()
-        self._memory, self._in_view = memory(self._data)
+        self._tree, self._scratch = tree, Scratch(tree.pin_model)
         places = [place_of(tree, sensor) for sensor in sensors]
         numbers = [
             (SIMPLE.index(one.kind), at.number) for one, at in zip(sensors, places, strict=True)
@@ -89,10 +88,8 @@ class Reader:
             measured = self._sensors.measure(self._model.state(q, v), u)
             values[:], jacobian[:] = measured.values, measured.jacobian
             return self._found
-        pin.computeJointJacobians(self._tree.pin_model, self._data, q)
-        held = self._memory
-        if not self._in_view:
-            held.copy_from(self._data)
+        pin.computeJointJacobians(self._scratch.model, self._scratch.data, q)
+        held = self._scratch.results()
         _read(
             values, jacobian, held.S, held.rotations, held.translations, self._tree.chart.of(q),
             *self._constants,
@@ -113,7 +110,7 @@ class Reader:
             found = np.stack([ahead - behind for ahead, behind in ends], axis=2) / (2 * STEP)
             return 0.5 * (found + found.transpose(0, 2, 1))
         jacobian = self(q, v, u).jacobian
-        hessians, held = np.zeros((len(jacobian), n, n)), self._memory
+        hessians, held = np.zeros((len(jacobian), n, n)), self._scratch.memory
         numbers, _, moves, _, offset, *_ = self._constants
         _bend(
             hessians, jacobian, held.S, held.rotations, held.translations, numbers, moves,

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -71,10 +71,14 @@ class Bodies:
     """
 
     def __init__(self, model: SoftModel, solids: Sequence[Solid]) -> None:
+        self._model = model
         self.solids, self._kinematics = tuple(solids), LinkKinematics.of(model)
         self._points = [tuple(solid.centre.tolist()) for solid in solids]
         self.radii = np.array([solid.radius for solid in solids])
         self._last = threading.local()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Bodies, (self._model, self.solids)
 
     def __call__(self, state: State) -> Motions:
         """The motions at this State."""

@@ -13,7 +13,8 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from softdyn.checks import array, did_you_mean, flag, instance, number
+from softdyn.checks import array, did_you_mean, flag, instance, number, unit
+from softdyn.copies import Frozen
 from softdyn.description.inertia import rotation_rpy
 from softdyn.description.robot import Robot, moving_link_of
 from softdyn.dynamics.model import SoftModel, State
@@ -31,7 +32,7 @@ _known: WeakKeyDictionary[Barrier, tuple[SoftModel, Clearance, float]] = WeakKey
 
 
 @dataclass(frozen=True, eq=False)
-class Barrier:
+class Barrier(Frozen):
     """A distance that stays at least `margin`.
 
     Attributes
@@ -181,11 +182,7 @@ class HalfSpace(Obstacle):
     rate: float = RATE
 
     def __post_init__(self) -> None:
-        normal = array("normal", self.normal, (3,))
-        length = float(np.linalg.norm(normal))
-        if length == 0:
-            raise InputError("normal", "a direction", normal)
-        object.__setattr__(self, "normal", normal / length)
+        object.__setattr__(self, "normal", unit("normal", self.normal))
         object.__setattr__(self, "offset", number("offset", self.offset))
         self._check()
 
@@ -279,7 +276,8 @@ class LinkPairs(Barrier):
     def __post_init__(self) -> None:
         if not (isinstance(self.pairs, str) and self.pairs == EVERY):
             wanted = f'"{EVERY}" or pairs of names of links'
-            if isinstance(self.pairs, str) or not isinstance(self.pairs, Sequence):
+            listed = isinstance(self.pairs, Sequence) and not isinstance(self.pairs, str)
+            if not (listed and self.pairs):
                 raise InputError("pairs", wanted, repr(self.pairs))
             pairs = tuple(map(tuple, self.pairs))
             for pair in pairs:

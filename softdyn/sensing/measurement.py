@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from softdyn.checks import vector
+from softdyn.copies import Frozen, freeze
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +81,7 @@ class Components:
 
 
 @dataclass(frozen=True, eq=False)
-class Measurement:
+class Measurement(Frozen):
     """The readings of all sensors without errors; its arrays become read-only.
 
     NumPy takes a measurement as the array of its values. The orientation R of a pose is its
@@ -105,12 +106,7 @@ class Measurement:
     components: Components
 
     def __post_init__(self) -> None:
-        for held in (self.values, self.jacobian, self.jacobian_u):
-            held.flags.writeable = False
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # arrays of a copy would be writable
-        return Measurement, (self.values, self.jacobian, self.jacobian_u, self.components)
+        freeze(vars(self).values())
 
     @property
     def names(self) -> tuple[str, ...]:

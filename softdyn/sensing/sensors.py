@@ -23,11 +23,11 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from softdyn.checks import did_you_mean, instance, vector
+from softdyn.checks import did_you_mean, vector
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.dynamics.derivatives import Derivatives, acceleration_derivatives, tendon_curvature
 from softdyn.dynamics.engine import BASE
-from softdyn.dynamics.model import SoftModel, State, check_model, taut_gains
+from softdyn.dynamics.model import SoftModel, State, check_model, check_state, taut_gains
 from softdyn.dynamics.projection import Projection, underlying_tree
 from softdyn.dynamics.tree import TreeModel
 from softdyn.exceptions import InputError
@@ -116,9 +116,7 @@ class Sensors:
         """The readings without errors, and their derivatives: see `SoftModel.measure`."""
         model = self.model
         n = model.nv
-        instance("state", state, State, "a State, from model.state(q, v)")
-        if len(state.q) != model.nq or len(state.v) != n:
-            raise InputError("state", f"a state of {model.name!r}", repr(state))
+        check_state(model, state)
         moment = Moment(model, state, vector("u", u, model.nu), self._accelerates)
         size = len(self.components.names)
         values, jacobian, by_u = np.zeros(size), np.zeros((size, 2 * n)), np.zeros((size, model.nu))

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.linalg import eigvals
 
 from softdyn.checks import array, instance
+from softdyn.copies import Frozen
 from softdyn.dynamics.derivatives import tendon_forces
 from softdyn.dynamics.model import SoftModel, State, check_model
 from softdyn.exceptions import InputError, SoftdynError
@@ -44,7 +45,7 @@ class StaticsError(SoftdynError, ArithmeticError):
 
 
 @dataclass(frozen=True, eq=False)
-class Equilibrium:
+class Equilibrium(Frozen):
     """A robot at rest under a constant input.
 
     Attributes
@@ -180,7 +181,7 @@ class Equilibrium:
         return self.state.J @ self.joint_sensitivity
 
 
-class RankedEquilibria:
+class RankedEquilibria(Frozen):
     """Equilibria that a search has found, the closest to its target first.
 
     Attributes

@@ -22,6 +22,7 @@ import numpy as np
 
 from softdyn.actuation.capstan import Capstan
 from softdyn.checks import array, instance, vector
+from softdyn.copies import Frozen
 from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.exceptions import InputError
@@ -42,7 +43,7 @@ Direction = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
-class StuckRest:
+class StuckRest(Frozen):
     """A rest with friction of cables.
 
     Attributes

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softdyn.checks import array, instance, instances, number, whole
+from softdyn.checks import array, instance, instances, number, unit, whole
+from softdyn.copies import Frozen
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
 from softdyn.references import Reference
@@ -17,7 +18,6 @@ from softdyn.statics.equilibria import rest
 from softdyn.statics.equilibrium import Equilibrium
 from softdyn.statics.samples import sample_between, sample_rests
 from softdyn.tasks.link_motion import LinkKinematics
-from softdyn.tasks.task import unit
 
 RAYS, BETWEEN = 20, 30  # numbers of sampled random inputs, and of sampled points in the gaps
 ROOM = 0.95  # largest share of the bounds for a target's input; a controller needs the rest
@@ -68,7 +68,7 @@ def spread_rests(model: SoftModel, count: int, seed: int = 0) -> tuple[Equilibri
 
 
 @dataclass(frozen=True, eq=False)
-class ReachCell:
+class ReachCell(Frozen):
     """A cube of tip positions, and the directions of the tip's link at equilibria in it.
 
     Attributes
@@ -133,7 +133,7 @@ def _has_room(one: Equilibrium) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Loop:
+class Loop(Frozen):
     """An ellipse in space, y = centre + a cos ωt + b sin ωt.
 
     Attributes

@@ -10,13 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from softdyn.checks import array, length
+from softdyn.copies import Frozen
 from softdyn.dynamics.model import SoftModel, check_model
 
 TOUCHING = 1e-9  # a joint this close to a limit counts as at it (rad, m)
 
 
 @dataclass(frozen=True, eq=False)
-class HardStops:
+class HardStops(Frozen):
     """Stops that balance any force that presses a joint against them.
 
     Attributes
@@ -52,7 +53,7 @@ class HardStops:
 
 
 @dataclass(frozen=True, eq=False)
-class SoftStops:
+class SoftStops(Frozen):
     """Joint limits as a smooth repulsion μ / gap.
 
     With exact stops ∂q/∂u jumps when a joint reaches or leaves one, and a search for equilibria

@@ -10,14 +10,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from softdyn.checks import array
+from softdyn.checks import array, unit
 from softdyn.description.stated_task import TaskKind
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.exceptions import InputError
 from softdyn.tasks.link_motion import LinkKinematics, LinkMotion
 from softdyn.tasks.rotations import SERIES, axis_terms, orientation_terms, pose_terms
 from softdyn.tasks.targets import Target
-from softdyn.tasks.task import Task, TaskError, check_target, unit
+from softdyn.tasks.task import Task, TaskError, check_target
 
 
 @dataclass(frozen=True, eq=False)

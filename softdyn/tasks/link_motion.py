@@ -91,12 +91,16 @@ class LinkKinematics:
     """
 
     def __init__(self, model: SoftModel) -> None:
+        self._model = model
         self._tree, self.S = underlying_tree(model)
         self._moves = moved_bodies(self._tree.pin_model)
         self.columns = joint_tree(self._tree.pin_model)
         self.count = self._moves.shape[1]
         self._places: dict[tuple[str, tuple[float, ...]], FramePlace] = {}
         self._last = threading.local()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return LinkKinematics, (self._model,)
 
     @staticmethod
     def of(model: SoftModel) -> LinkKinematics:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.checks import did_you_mean
+from softdyn.checks import did_you_mean, unit
 from softdyn.description.stated_task import TaskKind
 from softdyn.description.task_mark import TaskMark
 from softdyn.exceptions import InputError, errors_in
@@ -16,7 +16,7 @@ from softdyn.references import Reference, SetPoint
 from softdyn.tasks.frames import FrameTask
 from softdyn.tasks.rotations import log3
 from softdyn.tasks.targets import References, StackedReference, Target, exp3, recorded_paths
-from softdyn.tasks.task import Task, unit
+from softdyn.tasks.task import Task
 
 
 def marks_of(tasks: Sequence[Task]) -> tuple[TaskMark, ...]:

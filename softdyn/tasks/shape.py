@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.checks import did_you_mean, instance, instances, number
+from softdyn.checks import beyond, did_you_mean, instance, instances, number
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.dynamics.reduced import Basis
 from softdyn.exceptions import InputError
@@ -71,7 +71,7 @@ def points_of_arm(model: SoftModel, arcs: tuple[float, ...]) -> list[tuple[str, 
     ends = np.cumsum([np.linalg.norm(offset) for offset in offsets])
     places = []
     for s in arcs:
-        if s > ends[-1] * (1 + 1e-9):
+        if beyond(s, ends[-1]):
             raise InputError("arcs", f"at most the arm's length {ends[-1]:.6g} m", f"{s:g}")
         k = min(int(np.searchsorted(ends, s)), len(chain) - 1)
         size = float(np.linalg.norm(offsets[k]))

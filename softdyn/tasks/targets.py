@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from softdyn.checks import array, instance, length, number
+from softdyn.copies import Frozen
 from softdyn.csv_columns import columns, numbers, once
 from softdyn.exceptions import InputError, errors_in
 from softdyn.files import as_path
@@ -26,7 +27,7 @@ TANGENT = {(3, 3): (3,), (4, 4): (6,)}  # shapes of rates, if not those of the v
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
+class Target(Frozen):
     """The desired motion of one task at one instant; calling it with t gives itself.
 
     Attributes
@@ -63,10 +64,6 @@ class Target:
             given = getattr(self, name)
             value = array(name, np.zeros(tangent) if given is None else given, tangent)
             object.__setattr__(self, name, value)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # arrays of a copy would be writable
-        return Target, (self.y, self.ydot, self.yddot)
 
     def __call__(self, t: float) -> Target:
         """The same target at every time: a set point."""
@@ -132,9 +129,6 @@ class StackedReference(Reference):
         else:
             super().__init__(place.y[:3, 3], place.ydot[:3], place.yddot[:3])
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return StackedReference, (self.targets,)
-
 
 class References:
     """References of several tasks: a callable t → `StackedReference`.
@@ -163,7 +157,7 @@ class References:
         return StackedReference({name: motion(t) for name, motion in self.motions.items()})
 
 
-class Waypoints:
+class Waypoints(Frozen):
     """A path of points, directions or coordinates through waypoints: a spline of degree five.
 
     Rates and accelerations are continuous, and zero at both ends. Before the first and after the
@@ -234,7 +228,7 @@ def _on_sphere(
     return d, rate, second
 
 
-class Turns:
+class Turns(Frozen):
     """Orientations through waypoints: from each to the next about a fixed axis (slerp).
 
     Along a turn the angle is the path of least jerk, so rates and accelerations are continuous, and

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
@@ -11,6 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from softdyn.checks import array, number, whole
+from softdyn.copies import Frozen
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.exceptions import InputError
 from softdyn.references import Reference
@@ -41,7 +41,7 @@ class TaskError(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Task(ABC):
+class Task(Frozen, ABC):
     """A quantity to be controlled: a subclass has one method, `evaluate`, and a `size`.
 
     Attributes
@@ -206,21 +206,3 @@ def check_target(task: Task, target: Any, what: str, shape: tuple[int, ...]) -> 
     if not isinstance(y, np.ndarray) or y.shape != shape:
         got = repr(target) if y is None else f"shape {np.shape(y)}"
         raise InputError(f"target of {task.name!r}", f"{what}, shape {shape}", got)
-
-
-def unit(name: str, value: Any) -> np.ndarray:
-    """A direction (3,) as a read-only unit vector.
-
-    Raises
-    ------
-    InputError
-        For anything but three finite numbers that are not all zero.
-    """
-    given = array(name, value, (3,))
-    largest = float(np.abs(given).max())
-    if not 0 < largest < math.inf:
-        raise InputError(name, "a direction", repr(value))
-    scaled = given / largest
-    scaled /= np.linalg.norm(scaled)
-    scaled.flags.writeable = False
-    return scaled

@@ -153,5 +153,14 @@ def test_coefficients_may_be_replaced_and_must_fit() -> None:
     model = softdyn.load("finger")
     assert not len(Capstan(model).tendon)
     np.testing.assert_array_equal(Capstan(model, [0.0, 0.2]).friction, 0.2)
-    with pytest.raises(InputError, match="friction"):
-        Capstan(model, [0.1])
+    for wrong in ([0.1], [-1.0, 0.0], [0.0, 11.0], -1.0, [np.nan, 0.0]):
+        with pytest.raises(InputError, match="friction"):
+            Capstan(model, wrong)
+
+
+def test_a_state_of_another_robot_is_refused() -> None:
+    model, spirob = rubbing("finger"), softdyn.load("spirob")
+    plain = softdyn.load("finger")
+    for other in (spirob, plain):
+        with pytest.raises(InputError, match=r"^state: expected a state of"):
+            Capstan(model).at(other.state(other.q0, np.zeros(other.nv)))

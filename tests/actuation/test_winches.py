@@ -169,3 +169,17 @@ def test_wrong_arguments():
         winches.commands(model.q0, [0.0, 0.0])
     with pytest.raises(InputError, match=r"^model: expected"):
         Winches("finger")
+
+
+def test_a_state_of_another_robot_is_refused():
+    """Also of one with the same sizes; a copy of the same description is no other robot."""
+    model, spirob = softdyn.load("finger"), softdyn.load("spirob")
+    winches = Winches(model)
+    tendons = tuple(replace(tendon, stiffness=5.0) for tendon in model.robot.tendons)
+    for other in (spirob, softdyn.build(replace(model.robot, tendons=tendons))):
+        state = other.state(other.q0, np.zeros(other.nv))
+        for use in (winches.tensions, winches.commands, winches.derivatives):
+            with pytest.raises(InputError, match=r"^state: expected a state of .*finger"):
+                use(state, np.zeros(2))
+    again = softdyn.load("finger")
+    assert not winches.tensions(again.state(again.q0, np.zeros(4)), np.zeros(2)).any()

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 import quadprog
 
 import softdyn
-from softdyn import State
-from softdyn.controllers.barriers import BarrierRows
+from softdyn import SetPoint, State
+from softdyn.controllers import SafetyFilter
+from softdyn.controllers.barriers import BarrierRows, JointLimits, UnsafeStart
 from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.qp import QpProblem, QpSolution
+from softdyn.controllers.qps.relaxed_rows import ROOM
 from softdyn.controllers.qps.stopped_step import StoppedStep
 from softdyn.safety import HalfSpace
 
@@ -84,3 +88,26 @@ def test_rows_hold_for_the_motion_that_the_input_leads_to() -> None:
         changed, met = changed + (not np.array_equal(u, wanted)), met + 1
     assert changed > 10
     assert met > 40
+
+
+def test_limits_of_joints_do_not_count_on_the_stops_that_they_avoid() -> None:
+    """Their rows are those of free joints, also where a joint would meet its stop in the step."""
+    model, rng = softdyn.load("finger"), np.random.default_rng(0)
+    limits, horizon, passing = JointLimits(model), 0.03, 0
+    for _ in range(40):
+        q, v = rng.uniform(-0.5, 0.5, 4), 0.05 * rng.normal(size=4)
+        joint, side, gap = rng.integers(4), rng.choice([-1, 1]), rng.uniform(0.002, 0.02)
+        q[joint] = side * (model.upper[joint] - gap)
+        v[joint] = side * gap * rng.uniform(0, 60)
+        passing += horizon * abs(v[joint]) > gap
+        state, pushing = model.state(q, v), rng.choice([-1, 1], 2) * model.u_max
+        law = SafetyFilter(lambda *_, u=pushing: u, model, [limits], horizon=horizon)
+        law.reset(TAU)
+        rows = BarrierRows(model, [limits], horizon)
+        rows.reset(TAU)
+        with pytest.warns(UnsafeStart) if v[joint] * side > 10 * gap else nullcontext():
+            u = law(state, SetPoint(state.y)).u
+            free = rows.at(state, *Horizon(model, horizon)(state))
+        assert law.barrier_rows.relaxed == 0
+        assert free.excess(u).max() < 2 * ROOM
+    assert passing > 10

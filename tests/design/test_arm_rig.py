@@ -275,3 +275,15 @@ def test_a_misused_task_is_one_line(task: str, message: str) -> None:
     with pytest.raises(InputError, match=re.escape(message)) as caught:
         design.read(tomllib.loads(f"{ARM}[[task]]\n{task}\n"), "arm.toml")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("lengths", [(130, 110, 90), (100, 80, 70), (7, 0.7, 0.1), (11, 13, 17.3)])
+def test_a_marker_at_the_sum_of_the_sections_is_on_the_arm(lengths) -> None:
+    section = '[[section]]\nlength_mm = {}\nradius_mm = 9\nsegments = 1\nname = "s{}"\n'
+    text = "unusual = true\n[material]\nyoungs_modulus_MPa = 0.25\ndensity_kg_m3 = 1070\n"
+    text += "".join(section.format(length, k) for k, length in enumerate(lengths))
+    text += '[[sensor]]\ntype = "position"\ns_mm = {}\n'
+    ends = [round(float(end), 3) for end in np.cumsum(lengths)]
+    assert len(robot(text.format(ends)).sensors) == 3
+    with pytest.raises(InputError, match=r"a place up to .* m, got"):
+        robot(text.format([*ends[:2], ends[2] + 1e-4]))

@@ -52,3 +52,16 @@ def test_means_over_uneven_steps(lag, delay, rate, speed):
             coarse = 0.06 if np.isfinite(rate) else 2e-3
             assert means[0] == pytest.approx(exact, abs=coarse)
     assert len(drives._sent) <= 3
+
+
+def test_commands_are_forgotten_where_every_step_is_a_gap():
+    """No span is predicted over a gap, and the commands of long ago are still dropped."""
+    model = softdyn.load("finger")
+    actuators = tuple(replace(one, delay=0.02) for one in model.robot.actuators)
+    model = softdyn.build(replace(model.robot, actuators=actuators))
+    drives = Drives(model)
+    drives.reset(model.state(model.q0, np.zeros(4)), np.zeros(2), 0.0)
+    for k in range(100):
+        drives.send(float(k), np.full(2, k / 100))
+    assert len(drives._sent) <= 2
+    assert drives.over(99.0, 99.01) == pytest.approx(0.98)  # sent 20 ms before

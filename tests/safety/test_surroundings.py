@@ -47,6 +47,20 @@ def around() -> Surroundings:
     ])  # fmt: skip
 
 
+@pytest.mark.parametrize("size", [5e-324, 1e-200, 1e-9, 1.0, 1e200, 1.7e308])
+def test_a_normal_may_have_any_size(size: float) -> None:
+    normal = np.array([0.0, size, 0.0])
+    np.testing.assert_array_equal(HalfSpace(normal, 0.1).normal, [0, 1, 0])
+    np.testing.assert_allclose(HalfSpace([size, size, 0], 0.1).normal, [0.5**0.5, 0.5**0.5, 0])
+    with pytest.raises(InputError, match="normal"):
+        HalfSpace(0 * normal, 0.1)
+
+
+def test_pairs_of_no_links_are_refused() -> None:
+    with pytest.raises(InputError, match="pairs"):
+        LinkPairs(pairs=())
+
+
 def test_a_file_is_the_same_as_its_objects_and_its_table() -> None:
     import tomllib
 

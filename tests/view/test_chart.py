@@ -85,8 +85,8 @@ def dark(browser: Browser) -> np.ndarray:
 def draw(browser: Browser, rows: str, span: float) -> None:
     browser.run(f"""(() => {{
       const slots = filled({rows}, {span}, 300);
-      new Chart(canvas, new Linear(1)).draw([{{...slots.column("y"), colour: "#000"}}],
-        slots.last - {span}, slots.last);
+      const curves = [{{...slots.column("y"), colour: "#000"}}];
+      new Chart(canvas, new Linear(1)).draw(curves, ...slots.shown);
     }})()""")
 
 
@@ -108,14 +108,20 @@ def test_a_drawing_of_5_minutes_needs_no_more_strokes_than_one_of_12_seconds(bro
         pen[name] = function(...words) { count++; own[name].apply(this, words); };
       }
       const slots = filled(Array.from({length: ROWS}, (_, k) => [k / 60, Math.sin(k)]), SPAN, 300);
-      new Chart(canvas, new Linear(1)).draw([{...slots.column("y"), colour: "#000"}],
-        slots.last - SPAN, slots.last);
+      const curves = [{...slots.column("y"), colour: "#000"}];
+      new Chart(canvas, new Linear(1)).draw(curves, ...slots.shown);
       Object.assign(pen, own);
       return count; })()"""
     short = browser.run(counted.replace("ROWS", "720").replace("SPAN", "12"))
     long = browser.run(counted.replace("ROWS", "18000").replace("SPAN", "300"))
     assert 300 < long <= 600 + 10
     assert abs(long - short) <= 10
+
+
+def test_what_is_shown_begins_with_the_rows_and_then_moves(browser):
+    shown = "filled(Array.from({length: %d}, (_, k) => [2 + k, 0]), 10).shown"
+    assert browser.run(shown % 4) == [2, 5]
+    assert browser.run(shown % 31) == [22, 32]
 
 
 def test_curves_that_move_to_the_left_keep_their_shape(browser):

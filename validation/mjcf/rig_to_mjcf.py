@@ -22,6 +22,7 @@ from softdyn.validation.twin.drives import (
     part_name,
     parts,
     slack_name,
+    steps_in,
 )
 
 HAIR = 1e-9  # s; a delay of whole steps must not be rounded up to one more
@@ -76,11 +77,10 @@ _ENDS = (("lower", -1.0), ("upper", 1.0))
 
 def _late(delay: float, timestep: float) -> dict[str, object]:
     """Attributes of a delay (s), and of the samples that it spans."""
-    return {"delay": max(delay - HAIR, 0.0), "nsample": str(_steps(delay, timestep) + SPARE)}
-
-
-def _steps(time: float, timestep: float) -> int:
-    return math.ceil(time / timestep - 1e-9)
+    return {
+        "delay": max(delay - HAIR, 0.0),
+        "nsample": str(steps_in("delay", delay, timestep) + SPARE),
+    }
 
 
 def add_sensors(root: etree._Element, robot: Robot, timestep: float) -> None:

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from softdyn.checks import array
+from softdyn.copies import Separate
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
@@ -26,7 +27,7 @@ from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import check_warnings
 
 
-class Scene:
+class Scene(Separate):
     """A MuJoCo model from a user's file, driven in the coordinates of our model.
 
     Everything in the file acts: its contacts, objects, servos, gravity, integrator. States and

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, SoftModel
-from softdyn.checks import array, did_you_mean, length, number
+from softdyn.checks import array, beyond, did_you_mean, length, number
 from softdyn.csv_columns import columns, numbers, once
 from softdyn.validation.loop.experiment import DEFAULT_PERIOD
 from softdyn.validation.loop.time_grid import TimeGrid
@@ -66,7 +66,7 @@ def held_inputs(
     if rows is not None:
         rows = array("inputs", rows, (length("inputs", rows), model.nu), finite=False)
         hold = duration / max(len(rows), 1) if hold is None else number("hold", hold, above=0.0)
-        if len(rows) * hold < duration * (1 - 1e-9):
+        if beyond(duration, len(rows) * hold):
             expected = f"rows for {duration:g} s, held {hold:g} s each"
             raise InputError("inputs", expected, f"{len(rows)} rows")
         each = max(1, math.ceil(hold / DEFAULT_PERIOD - 1e-9))

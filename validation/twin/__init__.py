@@ -3,6 +3,7 @@
 - `twin`: the plant: its state, integration under a held input, MuJoCo's warnings
 - `settings`: MuJoCo's settings: solver, integrators, stiffness of stops, disable flags
 - `bodies`: the rigid bodies of a URDF, read by the second parser
+- `plain_urdf`: what that parser can read of the file: quaternions, capsules and other shapes
 - `build`: the MuJoCo model: bodies, joints, tendons, actuators, collision shapes
 - `plant_errors`: how a plant differs from the model: masses, springs, friction, contacts, stops
 - `borrowed`: a twin with the collision geometry of an MJCF file

@@ -14,6 +14,7 @@ import numpy as np
 import yourdfpy
 
 from softdyn.exceptions import UrdfError
+from softdyn.validation.twin.plain_urdf import PlainUrdf, plain_urdf
 
 STATIC = 0  # index of the body that never moves: the root link's, unless the base floats
 FREE = "floating base"
@@ -37,7 +38,10 @@ class TwinJoint:
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A collision primitive: box (half sizes), cylinder (radius, half length) or sphere."""
+    """A collision primitive: box (half sizes), cylinder or capsule (radius, half length), sphere.
+
+    A capsule's length is that of its cylinder.
+    """
 
     link: str
     kind: str
@@ -128,17 +132,20 @@ def read_bodies(path: Path, *, floating: bool, mended: str = "") -> Tree:
     Raises
     ------
     UrdfError
-        When yourdfpy cannot read the file.
+        When yourdfpy cannot read the file, or a collision shape has a wrong number.
     """
+    plain = plain_urdf(path, mended)
     try:
         robot = yourdfpy.URDF.load(
-            BytesIO(mended.encode()) if mended else str(path),
+            BytesIO(plain.text),
             build_scene_graph=False,
             load_meshes=False,
             filename_handler=yourdfpy.filename_handler_null,
         ).robot
     except Exception as error:  # yourdfpy raises many kinds of exceptions
         raise UrdfError(path, "<robot>", "a URDF that yourdfpy reads", error) from error
+    for joint in robot.joints:
+        joint.origin = plain.turned.get(joint.name, joint.origin)
     links = {link.name: link for link in robot.links}
     below: dict[str, list[yourdfpy.Joint]] = {}
     for joint in robot.joints:
@@ -151,12 +158,11 @@ def read_bodies(path: Path, *, floating: bool, mended: str = "") -> Tree:
         bodies = [Body("", None, np.eye(4))]
         bodies.append(Body(root, STATIC, np.eye(4), TwinJoint(FREE, "free", np.zeros(3))))
     place = {root: (len(bodies) - 1, np.eye(4))}
-    skipped: list[str] = []
     front = [root]
     while front:
         name = front.pop()
         index, pose = place[name]
-        _attach(bodies[index], links[name], pose, skipped)
+        _attach(bodies[index], links[name], pose, plain)
         for joint in below.get(name, ()):
             frame = pose if joint.origin is None else pose @ joint.origin
             if joint.type in KINDS:
@@ -166,7 +172,7 @@ def read_bodies(path: Path, *, floating: bool, mended: str = "") -> Tree:
                 place[joint.child] = (index, frame)
         front += [joint.child for joint in reversed(below.get(name, ()))]
     _tie_to_the_first(bodies)
-    return Tree(tuple(bodies), place, tuple(skipped))
+    return Tree(tuple(bodies), place, tuple(plain.skipped))
 
 
 def _tie_to_the_first(bodies: list[Body]) -> None:
@@ -191,29 +197,23 @@ def _moving(joint: yourdfpy.Joint, parent: int, pose: np.ndarray) -> Body:
     return Body(joint.child, parent, pose, moved_by)
 
 
-def _attach(body: Body, link: yourdfpy.Link, pose: np.ndarray, skipped: list[str]) -> None:
+def _attach(body: Body, link: yourdfpy.Link, pose: np.ndarray, plain: PlainUrdf) -> None:
     """Add a link's inertia and collision shapes to its body."""
     if link.inertial is not None:
+        link.inertial.origin = plain.turned.get((link.name, -1), link.inertial.origin)
         body.add(link.inertial, pose)
-    for collision in link.collisions:
-        frame = pose if collision.origin is None else pose @ collision.origin
+    for number, collision in enumerate(link.collisions):
+        key = link.name, number
+        origin = plain.turned.get(key, collision.origin)
         kind, size = _primitive(collision.geometry)
-        if not size:
-            skipped.append(f"collision shape of link {link.name!r}: {kind} is not supported")
-        elif not min(size) > 0:
-            skipped.append(f"collision shape of link {link.name!r}: {kind} without extent")
-        else:
-            body.shapes.append(Shape(link.name, kind, size, frame))
+        kind = "capsule" if key in plain.capsules else kind
+        body.shapes.append(Shape(link.name, kind, size, pose if origin is None else pose @ origin))
 
 
-def _primitive(geometry: yourdfpy.Geometry | None) -> tuple[str, tuple[float, ...]]:
-    """Kind and MuJoCo's sizes of a geometry; the sizes are missing where it is no primitive."""
-    if geometry is None:
-        return "no geometry", ()
+def _primitive(geometry: yourdfpy.Geometry) -> tuple[str, tuple[float, ...]]:
+    """Kind and MuJoCo's sizes of a geometry."""
     if geometry.box is not None:
         return "box", tuple(float(size) / 2 for size in geometry.box.size)
     if geometry.cylinder is not None:
         return "cylinder", (float(geometry.cylinder.radius), float(geometry.cylinder.length) / 2)
-    if geometry.sphere is not None:
-        return "sphere", (float(geometry.sphere.radius),)
-    return "mesh", ()
+    return "sphere", (float(geometry.sphere.radius),)

@@ -18,10 +18,12 @@ import numpy as np
 
 from softdyn.description.rig import Actuator, CommandKind, Sensor, SensorKind
 from softdyn.description.robot import Robot, Tendon
+from softdyn.exceptions import InputError
 
 LARGEST_FORCE = 1e15  # stands for no bound
 UNBOUNDED = 1e10  # m, N: a larger bound counts as none
 EARLY = 1e-9  # of a sensor's interval; sums of plant steps may be rounded down
+MOST_STEPS = 200_000  # in a delay: 10 s in steps of 0.05 ms
 SPARE = 2  # entries of a history beyond those that its delay spans
 
 _SENSOR, _OBJECT = mujoco.mjtSensor, mujoco.mjtObj
@@ -132,11 +134,25 @@ def _add_actuator(spec: mujoco.MjSpec, name: str, tendon: str, gear: float) -> m
     return motor
 
 
+def steps_in(name: str, delay: float, timestep: float) -> int:
+    """The steps (s) that a delay (s) of this name spans, which MuJoCo's history has to hold.
+
+    Raises
+    ------
+    InputError
+        If there are too many.
+    """
+    if not delay / timestep <= MOST_STEPS:
+        expected = f"at most {MOST_STEPS} plant steps, {MOST_STEPS * timestep:g} s"
+        raise InputError(name, expected, f"{delay:g} s")
+    return math.ceil(delay / timestep - 1e-9)
+
+
 def _rig(motor: mujoco.MjsActuator, actuator: Actuator, timestep: float) -> None:
     """The kind of command, lag and delay; MuJoCo rounds a delay up to whole steps."""
     if actuator.delay > 0:
         # half a step less, because a delay of whole steps may round up to one more
-        steps = math.ceil(actuator.delay / timestep - 1e-9)
+        steps = steps_in("delay", actuator.delay, timestep)
         motor.delay, motor.nsample = (steps - 0.5) * timestep, steps + SPARE
     if actuator.command is CommandKind.VELOCITY:
         motor.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR
@@ -153,7 +169,7 @@ def _rig(motor: mujoco.MjsActuator, actuator: Actuator, timestep: float) -> None
 
 def add_sensor(spec: mujoco.MjSpec, robot: Robot, sensor: Sensor, timestep: float) -> None:
     """The parts of a sensor, with its rate and latency; a latency is rounded up to whole steps."""
-    steps = math.ceil(sensor.latency / timestep - 1e-9)
+    steps = steps_in("latency", sensor.latency, timestep)
     for k, (kind, objtype, name) in enumerate(parts(robot, sensor)):
         part = spec.add_sensor()
         part.name, part.type = part_name(sensor, k), kind

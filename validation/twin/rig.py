@@ -13,6 +13,7 @@ import numpy as np
 from softdyn import InputError, SoftModel, State
 from softdyn.actuation import Winches
 from softdyn.checks import did_you_mean, instance, instances, number, whole
+from softdyn.copies import Separate
 from softdyn.description.rig import LONGEST_DELAY, SMALLEST_WINCH, CommandKind, Sensor
 from softdyn.description.robot import MOST_FRICTION, Robot, Tendon
 from softdyn.validation.twin.plant_errors import PlantErrors
@@ -243,7 +244,7 @@ class Drivers:
         return self._command
 
 
-class RiggedPlant:
+class RiggedPlant(Separate):
     """A twin behind its rig.
 
     The controller's forces u become commands. A winch gets the free length at which its tension is

@@ -31,6 +31,11 @@ class Slots {
   clear() { this.first = this.end = 0; }
   get length() { return this.end - this.first; }
 
+  /** The ends of the time that is shown: the span, or from the first row. */
+  get shown() {
+    return [Math.max(this.last - this.span, this.times[this.first]), this.last];
+  }
+
   /**
    * @param {number} t time (s), not before that of the last row
    * @param {Object<string, number>} row a number for each column; one that is not finite is a gap
@@ -219,7 +224,6 @@ class Chart {
       pen.textAlign = "center";
       pen.textBaseline = "bottom";
       for (const t of roundNumbers(this.from, this.to, this.width / 60)) {
-        if (t < 0) continue;  // before the run
         const x = Math.round(this.x(t)) + 0.5;
         line(x, 0, x, this.height);
         pen.fillText(String(Number(t.toFixed(6))), x, this.height + this.bottom);

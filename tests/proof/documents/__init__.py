@@ -2,4 +2,5 @@
 
 - `tables`: those of measured figures, which stand beside the code
 - `settings`: those that repeat settings of the code
+- `reports`: public reports about other tools, which a test runs
 """

@@ -34,10 +34,12 @@ from softdyn.validation.studies.engine.distribution import (
 from softdyn.validation.studies.sweep_report import REST
 from softdyn.validation.tables import Table
 from tests.proof import poses
+from tests.proof.documents.reports import reports_table
 from tests.proof.documents.settings import MEASURED, changes_table, gains_table
 from tests.proof.estimates import forces
 from tests.proof.paper import one_step
 from tests.proof.safety import scenes
+from tests.support import public_reports
 
 MARKED = re.compile(
     r"^<!-- table (?P<name>[\w-]+): written by tests/proof/tables\.py -->\n.*?"
@@ -383,4 +385,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "statics": _statics,
     "forces": lambda: Table.of(forces.COLUMNS, _rows("forces")).markdown(),
     "scenes": lambda: Table.of(scenes.COLUMNS, _rows("scenes")).markdown(),
+    "reports-right": lambda: reports_table(public_reports.RIGHT),
+    "reports-mended": lambda: reports_table(public_reports.MENDED),
+    "reports-beside": lambda: reports_table(public_reports.BESIDE),
 }

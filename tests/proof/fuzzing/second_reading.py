@@ -280,6 +280,8 @@ def _pose(element: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:
     """Rotation (3, 3) and translation (3,) of an element's <origin>."""
     origin = element.find("origin")
     turn = Rotation.from_euler("xyz", _vector(origin, "rpy"))  # rotations about fixed axes
+    if (quaternion := _attribute(origin, "quat_xyzw")) is not None:
+        turn = Rotation.from_quat([float(word) for word in quaternion.split()])
     return turn.as_matrix(), _vector(origin, "xyz")
 
 

@@ -363,10 +363,30 @@ def test_bad_arguments():
         Twin("no_such_robot")
 
 
-def test_a_file_that_only_yourdfpy_refuses(tmp_path):
-    body = link("base") + ball("a", '<capsule radius="1" length="1"/>') + joint("j", "base", "a")
-    with pytest.raises(UrdfError, match="yourdfpy"):
+@pytest.mark.parametrize("size", ['radius="x" length="1"', 'radius="1"', 'radius="inf" length="1"'])
+def test_a_shape_that_only_the_twin_reads_is_named(size, tmp_path):
+    body = link("base") + "\n" + ball("a", f"<capsule {size}/>") + joint("j", "base", "a")
+    with pytest.raises(UrdfError, match="2 numbers as radius, length, got radius=") as caught:
         Twin(urdf(tmp_path, body))
+    text = caught.value.file.read_text().splitlines()[caught.value.line - 1]
+    assert '<link name="a">' in text
+    assert caught.value.element == '<link name="a"><collision><geometry><capsule>'
+
+
+def test_capsules(tmp_path):
+    """MuJoCo's sizes are the radius and half of the cylinder's length; without one it is a ball."""
+    body = link("base") + ball("a", '<capsule radius="0.02" length="0.3"/>')
+    body += ball("b", '<capsule radius="0.05" length="0"/>') + ball("c", "<x/>")
+    body += joint("j", "base", "a") + joint("k", "a", "b") + joint("l", "b", "c")
+    twin = Twin(urdf(tmp_path, body), contacts=True)
+    kinds = mujoco.mjtGeom
+    assert twin.model.geom_type.tolist() == [kinds.mjGEOM_CAPSULE, kinds.mjGEOM_SPHERE]
+    assert twin.model.geom_size.tolist() == [[0.02, 0.15, 0.0], [0.05, 0.0, 0.0]]
+    (skipped,) = twin.skipped
+    place, _, reason = skipped.partition(": ")
+    assert place.startswith(str(tmp_path))
+    assert place.rpartition(":")[2].isdigit()
+    assert reason == "collision shape of link 'c': x is not supported"
 
 
 def test_collision_shapes_have_their_size(tmp_path):

@@ -46,8 +46,8 @@ class Strip {
    * @param {string} text the newest numbers
    */
   show(slots, text) {
-    this.chart.draw(this.curves.map(([name, colour]) => ({...slots.column(name), colour})),
-      slots.last - slots.span, slots.last);
+    const curves = this.curves.map(([name, colour]) => ({...slots.column(name), colour}));
+    this.chart.draw(curves, ...slots.shown);
     this.readout.value = text;
   }
 }

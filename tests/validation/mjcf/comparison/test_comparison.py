@@ -367,7 +367,7 @@ def test_a_file_that_mujoco_saved_agrees_with_its_source(tmp_path, pair):
         assert not result.causes
         assert result.tolerance == 1e-5
         assert 1e-7 < max(cause.printed for cause in result.within) < 5e-6  # half a unit, at most
-        assert "count as equal, the largest difference is" in result.verdict
+        assert f"differences within 1e-05: {len(result.within)}, the largest " in result.verdict
     assert not compare(pair[0], saved, tolerance=0.0).passed
     code, out, _ = command("compare", pair[0], saved, "--engines", "--samples", "2")
     assert (code, "the files agree; " in out) == (0, True)
@@ -379,6 +379,7 @@ def test_a_difference_larger_than_rounding_shows_all_of_them(tmp_path, pair):
     result = compare(pair[0], saved)
     assert result.tolerance == 0.0
     assert {"mass", "pose"} <= set(kinds(result))
+    assert f"note: {len(result.causes) - 1} of the causes within 1e-05" in str(result)
     result = compare(pair[0], saved, tolerance=1e-5)
     assert kinds(result) == {"mass": 1}
     assert {cause.kind for cause in result.within} >= {"pose"}
