@@ -74,7 +74,7 @@ $(PRODUCT): pyproject.toml
 	touch $@
 
 $(TESTS): $(PRODUCT)
-	$(PIP) install --editable ".[test,bench,cluster,tune,sysid]"
+	$(PIP) install --editable ".[test,bench,cluster,sysid]"
 	touch $@
 
 $(CHECKS): $(TESTS)

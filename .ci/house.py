@@ -31,7 +31,7 @@ HELPERS = (
     "cli",
     "study_options",
 )  # modules of scripts/ that are no commands
-MOST_COMMANDS = 19
+MOST_COMMANDS = 18
 # It finds a command by its name, so it alone may import by a string.
 COMMAND_TABLE = "scripts/__main__.py"
 # `Log.plot` and `Log.replay` draw a log, and `SoftModel.measure` reads a model's sensors: the only

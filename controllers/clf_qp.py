@@ -13,7 +13,15 @@ from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import InputRule, TaskLaw
 from softdyn.controllers.qps.least_norm import bounded_least_norm
 from softdyn.controllers.qps.level_qp import LevelQp
-from softdyn.controllers.qps.linear_algebra import cholesky, dot, inner, lq, put, row_space
+from softdyn.controllers.qps.linear_algebra import (
+    RANK_TOLERANCE,
+    cholesky,
+    dot,
+    inner,
+    lq,
+    put,
+    row_space,
+)
 from softdyn.controllers.qps.qp import ACCEPTED, DenseQp
 from softdyn.controllers.qps.stacked_error import TaskRows, several_levels, task_error
 from softdyn.controllers.qps.task_qp import Condensed
@@ -132,7 +140,7 @@ def _law(
     residual, delta, late = np.nan, np.nan, at_reference > 0
     for _ in range(2):
         count = k + 1 if late else k
-        Q = row_space(linear if w1 > 0 else stacked[k:count])
+        Q = row_space(linear if w1 > 0 else stacked[k:count], RANK_TOLERANCE)
         r = len(Q)
         basis, triangle, d = np.empty((r, count)), np.empty((r, r)), np.empty(r)
         lq(inner(Q, stacked[:count]), basis, triangle)

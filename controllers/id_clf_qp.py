@@ -12,6 +12,7 @@ from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import TaskLaw
 from softdyn.controllers.qps.level_qp import make_qp
 from softdyn.controllers.qps.linear_algebra import (
+    RANK_TOLERANCE,
     add_squares,
     cholesky,
     dot,
@@ -102,7 +103,7 @@ def _condense(M, h, v, Bt, J, Jdot, mu_ref, yddot, weights, H, g, mu_map, mu_0):
     substitute_back(R, X)
     drift = X[m]
     damped = drift + damping * v
-    row_basis = row_space(J)
+    row_basis = row_space(J, RANK_TOLERANCE)
     r = len(row_basis)
     RX, Rd = inner(row_basis, X[:m]), np.empty(r)
     for x in range(r):

@@ -70,7 +70,7 @@ def _law(
     f = Λ ÿ + J⁺ᵀ C q̇ - Λ J̇ q̇ with ÿ = ÿ_ref - K_d ė - K_p e: paper, (eq:impedance_acc) and
     (impedance_acc). Jᵀ J⁺ᵀ projects C q̇ onto range(Jᵀ); the rows of `row_basis` span that range.
     """
-    row_basis, ahead, coriolis = row_space(J), np.empty(len(J)), bias - g
+    row_basis, ahead, coriolis = row_space(J, RANK_TOLERANCE), np.empty(len(J)), bias - g
     for x in range(len(J)):
         ahead[x] = yddot[x] + mu_ref[x] - dot(Jdot[x], v)
     force = task_force(M, J, row_basis, ahead)

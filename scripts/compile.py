@@ -6,9 +6,10 @@ from __future__ import annotations
 from softdyn.commands import cli
 
 EPILOG = """\
-Compiled code is stored beside the package. If that folder is not writable, it is stored in the
-folder NUMBA_CACHE_DIR, or in the user's cache folder. The code belongs to this kind of processor:
-on another kind it is compiled again.
+Compiled code is stored beside the package. From there it is read even if the folder is not writable
+later, as in a container. If the folder is not writable now, the code is stored in the user's cache
+folder. The variable NUMBA_CACHE_DIR names another folder. The code belongs to this kind of
+processor: on another kind it is compiled again.
 
 exit codes: 0 all are compiled; 2 bad input.
 """
@@ -16,6 +17,7 @@ exit codes: 0 all are compiled; 2 bad input.
 # one robot per kind of tendon, because their kernels differ
 ROBOTS = ("finger", "spirob")
 OBSERVER, OBSTACLE = "observer", "obstacle"
+LONGEST = ("soft-id-clf-qp", OBSERVER, "mpc", "clf-qp", "ic", "id-clf-qp", OBSTACLE)
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
@@ -30,8 +32,8 @@ def command(arguments: cli.Arguments) -> int:
     if not COMPILES:
         cli.say("nothing to compile: SOFTDYN_COMPILE=0 or NUMBA_DISABLE_JIT=1")
         return cli.PASSED
-    # first the kernels that most share, so that other processes find them
-    names = [*sorted({*CONTROLLERS, *BEYOND}, key="soft-id-clf-qp".__ne__), OBSERVER, OBSTACLE]
+    # the longest first; those that share their kernels with one of these find them at the end
+    names = dict.fromkeys((*LONGEST, *CONTROLLERS, *BEYOND))
     in_order(_warm, [(robot, name) for robot in ROBOTS for name in names], arguments.jobs or -1)
     cli.say("all kernels are compiled")
     return cli.PASSED

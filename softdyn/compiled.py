@@ -4,8 +4,9 @@ A kernel is an ordinary function on arrays in the part of NumPy that Numba knows
 with ``SOFTDYN_COMPILE=0`` in the environment, Python runs the same source. Tests compare the two.
 
 A kernel is compiled once, at its first call, and a line on stderr announces it. The result is
-cached beside the source or, in a read-only installation, in the user's cache folder. A kernel is
-compiled again when any kernel of the package changes, because kernels may be inlined in others.
+cached beside the source. In a read-only installation the results beside the source are read, and
+new ones are cached in the user's cache folder. A kernel is compiled again when any kernel of the
+package changes, because kernels may be inlined in others.
 """
 
 from __future__ import annotations
@@ -66,14 +67,14 @@ def compiled(function: Kernel, *, reorder: bool = False, inline: bool = False) -
     if numba is None:
         function.py_func = function  # type: ignore[attr-defined]
         return function
-    options: dict[str, Any] = {"error_model": "numpy", "nogil": True}
+    options: dict[str, Any] = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
     if inline:
         options["inline"] = "always"
     if reorder:
         options["fastmath"] = {"reassoc", "contract"}
     announce_compilation()
     kernel = numba.njit(**options)(function)
-    # without a writable folder, or these classes of Numba, every process compiles the kernel
+    # for a closure, or without these classes of Numba, every process compiles the kernel
     with suppress(RuntimeError, AttributeError):
         kernel._cache = KernelCache(function)
         CACHES.append(kernel._cache)
@@ -84,42 +85,54 @@ class KernelCache:
     """A cache of one kernel's compiled signatures, in a file with a checksum.
 
     Numba's dispatchers use it in place of `numba.core.caching.FunctionCache`. Numba's own cache has
-    two defects here. It checks only the kernel's own source file, so it keeps outdated code that
+    three defects here. It checks only the kernel's own source file, so it keeps outdated code that
     was inlined from other files. It has no checksum, so a damaged file leads to an error or to
-    wrong code.
+    wrong code. It ignores the files beside the source if their folder is not writable.
 
     Parameters
     ----------
     function : Callable
         The kernel's source.
 
+    Attributes
+    ----------
+    writable : bool
+        Whether there is a folder for new results.
+
     Raises
     ------
     RuntimeError
-        If no folder is writable, or for a closure, because the source does not hold its values.
+        For a closure, because the source does not hold its values.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
         if function.__closure__ is not None:
             raise RuntimeError("a kernel with a closure is not cached")
-        self._form = numba.core.caching.CompileResultCacheImpl(function)
-        self.cache_path = self._form.locator.get_cache_path()
+        form, beside = _numba_forms()
+        self._form = form(function)
+        locator = self._form.locator
+        self.cache_path, self.writable = locator.get_cache_path(), not isinstance(locator, beside)
         self._stem = self._form.filename_base
-        sources = kernel_sources(Path(function.__code__.co_filename))
-        self._path = Path(self.cache_path, f"{self._stem}-{sources[:16]}.kernel")
+        file = Path(function.__code__.co_filename)
+        name = f"{self._stem}-{kernel_sources(file)[:16]}.kernel"
+        self._path = Path(self.cache_path, name)
+        self._beside = file.parent / "__pycache__" / name
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """The compiled signature, ready to be called; None if none was saved."""
         context.refresh()
-        found = self._read().get((signature, context.codegen().magic_tuple()))
-        return None if found is None else self._form.rebuild(context, found)
+        key = signature, context.codegen().magic_tuple()
+        for path in dict.fromkeys((self._path, self._beside)):
+            if (found := _read(path).get(key)) is not None:
+                return self._form.rebuild(context, found)
+        return None
 
     def save_overload(self, signature: Any, result: Any) -> None:
         """Save a signature; do nothing if the disk refuses."""
-        if not self._form.check_cachable(result):
+        if not self.writable or not self._form.check_cachable(result):
             return
         new = {(signature, result.codegen.magic_tuple()): self._form.reduce(result)}
-        content = numba.core.serialize.dumps(self._read() | new)
+        content = numba.core.serialize.dumps(_read(self._path) | new)
         part = self._path.with_name(f"{self._path.name}.{secrets.token_hex(8)}")
         with suppress(OSError):
             try:
@@ -134,20 +147,40 @@ class KernelCache:
     @property
     def has_neighbours(self) -> bool:
         """Whether the cache already holds a kernel of the same sources."""
-        return any(self._path.parent.glob(f"*{self._path.name.removeprefix(self._stem)}"))
+        end = f"*{self._path.name.removeprefix(self._stem)}"
+        return any(any(path.parent.glob(end)) for path in (self._path, self._beside))
 
     def flush(self) -> None:
         """Delete the cache file."""
         with suppress(OSError):
             self._path.unlink(missing_ok=True)
 
-    def _read(self) -> dict[Any, Any]:
-        with suppress(OSError):
-            content = self._path.read_bytes()
-            if hashlib.sha256(content[32:]).digest() == content[:32]:
-                found: dict[Any, Any] = pickle.loads(content[32:])
-                return found
-        return {}
+
+def _read(path: Path) -> dict[Any, Any]:
+    """The compiled signatures in a file; none if it is missing or damaged."""
+    with suppress(OSError):
+        content = path.read_bytes()
+        if hashlib.sha256(content[32:]).digest() == content[:32]:
+            found: dict[Any, Any] = pickle.loads(content[32:])
+            return found
+    return {}
+
+
+@cache
+def _numba_forms() -> tuple[Any, Any]:
+    """Numba's form of compiled results, and its locator where no folder is writable."""
+    caching = numba.core.caching
+
+    class Beside(caching.InTreeCacheLocator):  # type: ignore[misc, name-defined]
+        """The folder beside the source, writable or not."""
+
+        def ensure_cache_path(self) -> None:
+            pass
+
+    class Form(caching.CompileResultCacheImpl):  # type: ignore[misc, name-defined]
+        _locator_classes = (*caching.CompileResultCacheImpl._locator_classes, Beside)
+
+    return Form, Beside
 
 
 def kernel_sources(file: Path) -> str:
@@ -234,9 +267,10 @@ def say_once() -> None:
     if sys.stderr is None or not current_process().name.endswith(("MainProcess", "-1")):
         return
     what = "its kernels, in every process: no folder is writable"
-    if CACHES:
+    if any(cache.writable for cache in CACHES):
         what = (
-            "its kernels, once on this machine: 10 to 20 s (`softdyn compile` does it beforehand)"
+            "its kernels, once on this machine: 10 s for a controller, 1 to 3 min for everything "
+            "(`softdyn compile` does it beforehand)"
         )
     if some_are_kept():
         what = "more of its kernels, needed here for the first time"

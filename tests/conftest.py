@@ -1,6 +1,8 @@
 """Settings that make the suite independent of how it is started."""
 
+import os
 import signal
+import sys
 from collections.abc import Iterator
 from unittest.mock import patch
 
@@ -14,6 +16,11 @@ def a_cold_cache_is_no_news() -> Iterator[None]:
     """Hide the notice of a cold cache, because any test may be the first that compiles."""
     with patch.object(compiled, "say_once"):
         yield
+
+
+# Otherwise every process that a test starts would compile all sources that it imports.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 
 def pytest_configure() -> None:

@@ -50,7 +50,7 @@ def test_the_house_stands_as_planned():
             [Module("softdyn/a.py", "import importlib\nimportlib.import_module(f'softdyn.{x}')")],
             "softdyn/a.py:2",
         ),
-        (house.too_many_commands, [Module(f"scripts/c{i}.py", DOC) for i in range(25)], "got 25"),
+        (house.too_many_commands, [Module(f"scripts/c{i}.py", DOC) for i in range(19)], "got 19"),
     ],
 )
 def test_what_breaks_the_plan_is_said(check, modules, said):

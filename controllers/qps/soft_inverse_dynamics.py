@@ -20,6 +20,7 @@ from softdyn import State
 from softdyn.compiled import compiled
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.linear_algebra import (
+    RANK_TOLERANCE,
     add,
     add_squares,
     dot,
@@ -78,7 +79,7 @@ class SoftInverseDynamics:
 @compiled
 def range_of(Bt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Orthonormal rows U (a, n) that span range(B), and U B (a, m), from Bᵀ (m, n)."""
-    span = row_space(Bt)
+    span = row_space(Bt, RANK_TOLERANCE)
     return span, inner(span, Bt)
 
 
@@ -89,7 +90,7 @@ def _condense(
     w1, w2, w3, w4, c = weights[0], weights[1], weights[2], weights[3], weights[4]
     a, m = span_B.shape
     n, size = len(v), len(g)
-    row_basis = row_space(J)
+    row_basis = row_space(J, RANK_TOLERANCE)
     r = len(row_basis)
     Z, triangle, right = np.empty((a + r, n)), np.empty((a, a)), np.empty((a, m + 1))
     if a:

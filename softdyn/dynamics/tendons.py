@@ -141,7 +141,8 @@ class Tendons:
         segments = self.segments
         return segment_curvature(
             np.ascontiguousarray(jacobian), *self._directions(rotations, translations),
-            segments.bodies, segments.pairs, segments.signs, force, np.asarray(v, float),
+            segments.bodies, segments.pairs, segments.signs, force,
+            np.array(v, float),  # a read-only array would need a second compilation
         )  # fmt: skip
 
     def _directions(

@@ -149,7 +149,7 @@ def test_what_a_file_of_annotations_gives_is_written_with_the_robot(tmp_path):
 def test_the_command_writes_robot_and_page(finger, tmp_path, capsys):
     unknowns = identification.parameters(finger, "stiffness", shared=True)
     names = [f"q.{name}" for name in finger.joint_names]
-    data, theta = twin_data(finger, unknowns, names, Excitation(0.5), 1.0, 3)
+    data, theta = twin_data(finger, unknowns, names, Excitation(0.5, timestep=5e-4), 1.0, 3)
     path = tmp_path / "data.csv"
     table = np.column_stack((data.t, data.u, data.outputs))
     np.savetxt(path, table, delimiter=",", header=HEADER, comments="")
@@ -171,5 +171,8 @@ def test_the_command_writes_robot_and_page(finger, tmp_path, capsys):
     assert "Identification of finger" in html.read_text()
     assert command.main(["finger"]) == 2
     assert "a file, or --twin, got neither" in capsys.readouterr().err
-    assert command.main(["finger", "--twin", "0.5", "--shared", "stiffness"]) == 0
+    assert (
+        command.main(["finger", "--twin", "0.4", "--timestep", "5e-4", "--shared", "stiffness"])
+        == 0
+    )
     assert "truth in 95 %" in capsys.readouterr().out

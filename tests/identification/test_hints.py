@@ -20,6 +20,8 @@ from softdyn.identification.unknowns.kinds import Around
 from tests.identification.test_static import ARM, POINTS, written
 from tests.support import cart
 
+SMALL = ARM.replace("segments = 6", "segments = 3")
+
 NAMES = [f"point.{m}.{a}" for m in "abc" for a in "xyz"]
 
 
@@ -49,11 +51,11 @@ STRAIN = "a stiffness that depends on strain"
 @pytest.mark.parametrize("lacking", ["cable_friction", "offset", STRAIN])
 def test_static_rows(tmp_path, capsys, lacking):
     (tmp_path / "points.toml").write_text(POINTS)
-    text = ARM.replace("max_tension", "friction = 0.15\nmax_tension")
+    text = SMALL.replace("max_tension", "friction = 0.15\nmax_tension")
     if lacking != "cable_friction":
-        text = ARM.replace("[9, 6.0]", "[7.5, 5.0]") if lacking == "offset" else ARM
+        text = SMALL.replace("[9, 6.0]", "[7.5, 5.0]") if lacking == "offset" else SMALL
     (tmp_path / "true.toml").write_text(text)
-    (tmp_path / "arm.toml").write_text(ARM)
+    (tmp_path / "arm.toml").write_text(SMALL)
     true = DesignFile(tmp_path / "true.toml", tmp_path / "points.toml").model
     rng, u = np.random.default_rng(5), np.r_[np.linspace(0.3, 5, 6), np.linspace(4, 0.3, 6)]
     u = u[:, None] * [1, 0.4, 0]
@@ -91,8 +93,8 @@ def test_dry_friction_of_a_motion(tmp_path, capsys):
 
     true = cart.load(tmp_path, text.replace("<dynamics ", '<dynamics friction="0.4" '))
     (tmp_path / "file.urdf").write_text(text)
-    t = 0.01 * np.arange(200)
-    u = np.interp(t, 0.2 * np.arange(11), np.random.default_rng(3).uniform(-4, 4, 11))[:, None]
+    t = 0.02 * np.arange(80)
+    u = np.interp(t, 0.2 * np.arange(9), np.random.default_rng(3).uniform(-4, 4, 9))[:, None]
     none = np.zeros((1, 0))
     path, _ = follow(true, (), t, u, Start(np.array([0.2]), np.zeros(1), none, none))
     path += 1e-3 * np.random.default_rng(4).normal(size=path.shape)
@@ -107,7 +109,7 @@ def test_dry_friction_of_a_motion(tmp_path, capsys):
 
 
 def test_rows_left_out_and_refusals(tmp_path):
-    (tmp_path / "arm.toml").write_text(ARM)
+    (tmp_path / "arm.toml").write_text(SMALL)
     (tmp_path / "points.toml").write_text(POINTS)
     made = DesignFile(tmp_path / "arm.toml", tmp_path / "points.toml")
     model, rng = made.model, np.random.default_rng(4)

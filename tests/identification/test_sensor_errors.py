@@ -26,7 +26,7 @@ SENSORS = """
 """  # noqa: E501
 TRUE = {"camera": 0.03, "bias": 0.004, "wire": 0.01, "zero": -0.02}
 # implicitfast moves half a step too early, which would be a latency
-RIG = ("--integrator", "rk4", "--rig", "--log")
+RIG = ("--integrator", "rk4", "--period", "0.005", "--rig", "--log")
 READINGS = ("measured.camera.x", "measured.camera.y", "measured.camera.z", "measured.wire")
 
 
@@ -53,7 +53,7 @@ def test_bias_and_latency_from_the_log_of_a_rig(tmp_path, capsys, motor):
     """The robot's own stiffness and damping are unknown too, and nothing but sensors is read."""
     true = sensed(tmp_path, "true.urdf", motor, **TRUE)
     log = str(tmp_path / "run.csv")
-    assert rollout_command.main([true, "--inputs", pushes(tmp_path), *RIG, log]) == 0
+    assert rollout_command.main([true, "--inputs", pushes(tmp_path, 1.4), *RIG, log]) == 0
     file = sensed(tmp_path, "file.urdf", motor, stiffness=11.0)
     free = ["stiffness", "damping", "sensor_bias", "sensor_latency"]
     found = str(tmp_path / "found.urdf")
@@ -84,8 +84,7 @@ def test_a_late_sensor_beside_encoders(tmp_path, capsys):
     """Its latency is longer than half of the first pieces of the data, and of the held-out part."""
     file = sensed(tmp_path, **TRUE | {"camera": 0.15})
     log = str(tmp_path / "run.csv")
-    assert rollout_command.main([file, "--inputs", pushes(tmp_path, 0.8), "--period", "0.005",
-                                 *RIG, log]) == 0  # fmt: skip
+    assert rollout_command.main([file, "--inputs", pushes(tmp_path, 0.8), *RIG, log]) == 0
     capsys.readouterr()
     words = ["--outputs", "q", "measured.camera", "--free", "sensor_bias", "--json", "-"]
     assert command.main([file, log, *words]) == 1
@@ -172,10 +171,10 @@ bias_mm = [0, 0, 0]
 def test_a_design_s_sensors(tmp_path, capsys):
     (tmp_path / "arm.toml").write_text(TOML)
     arm = DesignFile(tmp_path / "arm.toml")
-    model, t = arm.model, 0.01 * np.arange(80)
+    model, t = arm.model, 0.02 * np.arange(40)
     u = np.outer(np.sin(3 * t) ** 2, [2.0, 0.5, 0])
     names = [name for name in identification.output_names(model) if name.startswith("measured.")]
-    data = Measurements(t, u, tuple(names), np.random.default_rng(1).normal(size=(80, 3)))
+    data = Measurements(t, u, tuple(names), np.random.default_rng(1).normal(size=(40, 3)))
     unknowns = arm.unknowns(["sensor_bias", "sensor_latency"])
     assert [one.label for one in unknowns][2:] == [
         "bias sensor camera [3]", "latency sensor camera",
@@ -204,9 +203,9 @@ def test_the_free_length_of_a_cable_that_slackens(tmp_path):
     text = text.replace("</softdyn>", """<tendon name="rope" slack="true" stiffness="60"
         damping="0.5" rest="-0.05"><joint name="x" coef="1"/></tendon></softdyn>""")  # fmt: skip
     true = cart.load(tmp_path, text)
-    t = 0.005 * np.arange(600)
-    knots = np.r_[0, np.random.default_rng(3).uniform(-3, 3, 15)]
-    u = np.interp(t, 0.2 * np.arange(16), knots)[:, None]
+    t = 0.01 * np.arange(200)
+    knots = np.r_[0, np.random.default_rng(3).uniform(-3, 3, 10)]
+    u = np.interp(t, 0.2 * np.arange(11), knots)[:, None]
     rest = Start(*np.zeros((2, 1)), *np.zeros((2, 1, 0)))
     path, _ = follow(true, (), t, u, rest)
     taut = (path > -0.05).mean()

@@ -45,7 +45,7 @@ def test_the_trajectory_s_derivatives(finger, stopped, rubs, monkeypatch):
     finger = rubbing(finger, 1e-3 if rubs else 0.0)
     kinds = ("friction",) if rubs else ("stiffness", "damping", "mass", "gear")
     several = [one for kind in kinds for one in identification.parameters(finger, kind)]
-    samples = 12 if stopped else 40
+    samples = 12 if stopped else 20
     t = np.cumsum(rng.uniform(0.003, 0.008, samples))
     u = rng.uniform(finger.u_min, finger.u_max, (samples, finger.nu))
     theta = np.array([one.nominal for one in several])
@@ -117,7 +117,9 @@ def test_dry_friction_of_a_twin_is_found_and_written(finger, tmp_path):
     several = [one for kind in ("stiffness", "damping", "friction")
                for one in identification.parameters(rubs, kind, shared=True)]  # fmt: skip
     joints = [f"q.{n}" for n in finger.joint_names]
-    one = trial(rubs, several, joints, Excitation(1.0, amplitude=1.0), 1.0, 0)
+    one = trial(
+        rubs, several, joints, Excitation(1.0, rate=100.0, amplitude=1.0, timestep=5e-4), 1.0, 0
+    )
     assert np.abs(one.scores).max() < 4
     assert np.abs(one.relative).max() < 0.1
     path = tmp_path / "robot.urdf"

@@ -6,7 +6,6 @@
 - `plain_urdf`: what that parser can read of the file: quaternions, capsules and other shapes
 - `build`: the MuJoCo model: bodies, joints, tendons, actuators, collision shapes
 - `plant_errors`: how a plant differs from the model: masses, springs, friction, contacts, stops
-- `borrowed`: a twin with the collision geometry of an MJCF file
 - `state_map`: the convention map between a model's state and the twin's
 - `free_base`: a floating base in MuJoCo's variables, so that both engines integrate alike
 - `cable_friction`: friction of cables on their guides in MuJoCo's terms

@@ -35,12 +35,24 @@ FLAGS = (
 )  # fmt: skip
 
 
+# a page that draws at most every N ms, because frames are drawn by the processor
+SLOWER = """
+const draw = window.requestAnimationFrame.bind(window);
+window.requestAnimationFrame = (call) => setTimeout(() => draw(call), %d);
+"""
+
+
 class NotAnswered(Exception):
     """The page raised an error, or refused."""
 
 
 class Browser:
     """One Chromium with one page at a time; a context manager.
+
+    Parameters
+    ----------
+    pause : int
+        Time (ms) before each frame of a page.
 
     Attributes
     ----------
@@ -53,7 +65,8 @@ class Browser:
         Chromium is not installed.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, pause: int = 0) -> None:
+        self._pause = pause
         if CHROMIUM is None:
             raise InputError("browser", "Chromium (apt-get install chromium)", "none")
         self._profile = tempfile.TemporaryDirectory(prefix="chromium-")
@@ -109,6 +122,9 @@ class Browser:
         self._session = attached["sessionId"]
         for domain in ("Runtime", "Log", "Network", "Page"):
             self._call(f"{domain}.enable", {})
+        if self._pause:
+            slower = {"source": SLOWER % self._pause}
+            self._call("Page.addScriptToEvaluateOnNewDocument", slower)
         screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self._call("Emulation.setDeviceMetricsOverride", screen)
         self._call("Page.navigate", {"url": url})

@@ -49,7 +49,7 @@ def url(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def page(url):
-    with Browser() as found:
+    with Browser(pause=60) as found:
         found.open(url)
         found.until("softdyn.leads && softdyn.frames > 5")
         yield found
@@ -71,7 +71,7 @@ def browser(page):
 
 @pytest.fixture(scope="module")
 def other():
-    with Browser() as found:
+    with Browser(pause=60) as found:
         yield found
 
 

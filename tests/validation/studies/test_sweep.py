@@ -147,7 +147,7 @@ def test_another_softdyn_makes_a_case_run_again(folder, written, monkeypatch):
 
 
 def test_neither_an_interruption_nor_the_number_of_workers_changes_a_byte(folder, call):
-    stiffness = list(range(100, 180))
+    stiffness = list(range(100, 130))
     (folder / "sweep.toml").write_text("logs = true\n" + OWN_SWEEP.format(stiffness=stiffness))
     command = [sys.executable, str(SCRIPTS / "sweep.py"), str(folder / "sweep.toml")]
     for end, jobs, expected in ((signal.SIGINT, "2", 130), (signal.SIGKILL, "1", -9)):
