@@ -11,6 +11,10 @@ u.NAME for every actuator; times begin at 0 and have even steps, each row is hel
 one, and other columns, such as those of a log, are ignored. Without either all inputs are zero.
 Inputs beyond the bounds in the robot's file are refused.
 
+Inputs u.NAME are forces. With --rig a column command.NAME may stand in place of u.NAME. It has the
+command of the motor, as the robot's file states it: the free length of a winch (m), or its rate of
+change (m/s), or a force.
+
 Several files run at once on all cores, for the time of the shortest. --out FOLDER writes a log for
 each, with the file's name; page and plot show all runs.
 
@@ -24,7 +28,7 @@ parser.add_argument("robot", metavar="ROBOT")
 cli.add_robot_options(parser)
 given = parser.add_mutually_exclusive_group()
 given.add_argument("--u", type=cli.finite, nargs="+", metavar="U", help="constant inputs")
-given.add_argument("--inputs", metavar="FILE", nargs="+", help="inputs over time, CSV")
+given.add_argument("--inputs", metavar="FILE", nargs="+", help="inputs or commands over time, CSV")
 parser.add_argument(
     "--seconds", type=cli.positive, metavar="T",
     help="length of the run in s (default: 3, or to the last row of --inputs)",
@@ -73,15 +77,16 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.plot is not None:
         look.check_path(arguments.plot)
     model = cli.load_robot(arguments)
+    rig = make_rig(arguments.rig, model)
     names, several = ["run"], len(arguments.inputs or ()) > 1
     if several and arguments.log is not None:
         raise softdyn.InputError("--log", "--out FOLDER with several --inputs", arguments.log)
-    seconds, hold = arguments.seconds or SECONDS, None
+    seconds, hold, commands = arguments.seconds or SECONDS, None, tuple[str, ...]()
     batch = [np.array(arguments.u or np.clip(np.zeros(model.nu), model.u_min, model.u_max))]
     if arguments.inputs is not None:
-        files = read_files(arguments.inputs, model)
+        files = read_files(arguments.inputs, model, rig)
         names, batch = list(files), [rows.u for rows in files.values()]
-        hold = files[names[0]].hold
+        hold, commands = files[names[0]].hold, files[names[0]].commands
         seconds = arguments.seconds or min(rows.seconds for rows in files.values())
     logs_to = [] if arguments.out is None else [Path(arguments.out, f"{n}.npz") for n in names]
     if logs_to:
@@ -99,7 +104,7 @@ def command(arguments: cli.Arguments) -> int:
         logs = rollouts(
             model, batch, seconds, hold=hold, period=arguments.period, timestep=arguments.timestep,
             integrator=arguments.integrator, q0=arguments.q0, contacts=arguments.contacts,
-            friction=arguments.friction, rig=make_rig(arguments.rig, model),
+            friction=arguments.friction, rig=rig, commands=commands,
         )  # fmt: skip
     wall = time.perf_counter() - began
     for log, path in zip(logs, logs_to, strict=False):

@@ -128,6 +128,8 @@ class ClosedLoop(Separate):
         As above.
     plant : Plant
         The twin, or the user's own plant.
+    rig : RiggedPlant or None
+        The twin behind its rig, if there is one.
     plant_file : str or None
         Name of the user's file that is the plant, None where it is the twin.
     experiment : Experiment or None
@@ -200,7 +202,7 @@ class ClosedLoop(Separate):
         v = np.zeros(model.nv) if v0 is None else array("v0", v0, (model.nv,))
         warn_of_fast_springs(model, model.state(q, v).M, self.grid.timestep)
         self.plant: Plant
-        self._rig: RiggedPlant | None = None
+        self.rig: RiggedPlant | None = None
         options: dict[str, Any] = {"contacts": contacts, "friction": friction}
         options |= {"timestep": self.grid.timestep}
         if surroundings is not None:
@@ -211,8 +213,8 @@ class ClosedLoop(Separate):
             options["integrator"] = integrator
         if (wanted := rig_of(rig)) is not None:
             check_rig(own, twin)
-            self._rig = RiggedPlant(wanted, model, self.grid.period, **options)
-            self.plant = self._rig.twin
+            self.rig = RiggedPlant(wanted, model, self.grid.period, **options)
+            self.plant = self.rig.twin
             self._states, self.plant_file = StateMap(model, self.plant), None
         elif own is None:
             self.plant = twin(model.robot, **options)
@@ -232,10 +234,10 @@ class ClosedLoop(Separate):
             self._record.extra(("reserve",), barriers=len(surroundings.names))
         if hasattr(controller, "reset"):
             controller.reset(self.grid.period)
-        if self._rig is not None:
-            self._record.extra(RIGGED, sensors=len(self._rig.readings.names))
-            self._rig.start(model.state(q, v))
-        self._observe = None if observer is None else Observation(observer, model, self._rig)
+        if self.rig is not None:
+            self._record.extra(RIGGED, sensors=len(self.rig.readings.names))
+            self.rig.start(model.state(q, v))
+        self._observe = None if observer is None else Observation(observer, model, self.rig)
         if self._observe is not None:
             self._observe.reset()
             if self._observe.units:
@@ -271,7 +273,7 @@ class ClosedLoop(Separate):
         if diverged is not None:
             self._end(diverged)
             return None
-        seen = state if self._rig is None else self._see(k, state)
+        seen = state if self.rig is None else self._see(k, state)
         if k == self.grid.steps:
             fault = verdict.not_converged(record.error[0], record.error[k], target)
             self._end(fault if self.aims else None, complete=True)
@@ -286,7 +288,7 @@ class ClosedLoop(Separate):
         if fault is not None:
             self._end(verdict.no_input(t, fault))
             return None
-        acting = record.u[k] if self._rig is None else self._rig.acting
+        acting = record.u[k] if self.rig is None else self.rig.acting
         return ControlStep(t, seen, output, record.u[k], state, acting)
 
     def advance(self) -> None:
@@ -294,10 +296,10 @@ class ClosedLoop(Separate):
         k = self.steps
         self.steps += 1
         try:
-            if self._rig is None:
+            if self.rig is None:
                 self.plant.advance(self._record.u[k], self.grid.plant_steps(k))
             else:
-                command = self._rig.advance(self._record.u[k], self.grid.plant_steps(k))
+                command = self.rig.advance(self._record.u[k], self.grid.plant_steps(k))
                 self._record.put(k, command=command)
         except SimulationError as error:
             with np.errstate(invalid="ignore"):  # the cosine of an infinite angle
@@ -362,8 +364,8 @@ class ClosedLoop(Separate):
         reason = self.reason or fault
         steps = self.steps if self.done else max(self._record.samples - 1, 0)
         recorded: dict[str, Any] = {**self._record.arrays(steps)}
-        if self._rig is not None:
-            recorded |= self._rig.columns()
+        if self.rig is not None:
+            recorded |= self.rig.columns()
         if self._observe is not None:
             units = self._observe.units
             recorded |= {"disturbance_names": (*units,), "disturbance_units": (*units.values(),)}
@@ -401,13 +403,13 @@ class ClosedLoop(Separate):
 
     def _see(self, k: int, state: State) -> State:
         """The state that the controller sees; record it, the acting inputs and the readings."""
-        assert self._rig is not None
-        acting, measured = self._rig.sample()
+        assert self.rig is not None
+        acting, measured = self.rig.sample()
         if self._observe is None:
-            seen = self._rig.see(state)
+            seen = self.rig.see(state)
         else:
             t = float(self._record.t[k])
-            seen = self._rig.show(self._observe(t, measured, self._rig.sent))
+            seen = self.rig.show(self._observe(t, measured, self.rig.sent))
             if self._observe.units:
                 estimated = zip(ESTIMATED, self._observe.disturbances, strict=True)
                 self._record.put(k, **dict(estimated))

@@ -17,8 +17,8 @@ from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.processes import in_order
 from softdyn.validation.rollouts import threads
-from softdyn.validation.rollouts.inputs import Inputs, held_inputs
-from softdyn.validation.twin.rig import Rig, rig_of
+from softdyn.validation.rollouts.inputs import Commanded, Inputs, held_inputs
+from softdyn.validation.twin.rig import Rig, RiggedPlant, rig_of
 from softdyn.validation.twin.settings import Integrator
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
@@ -38,6 +38,7 @@ def rollout(
     contacts: bool = False,
     friction: bool = False,
     rig: Rig | str | None = None,
+    commands: Sequence[str] = (),
 ) -> Log:
     """Let the twin move under given inputs, and record what happens.
 
@@ -67,6 +68,10 @@ def rollout(
     rig : Rig or str, optional
         None for an ideal rig, ``"file"`` for that of the robot's file, or a `Rig`. Its winches then
         get commands for the inputs, which are forces.
+    commands : sequence of str, optional
+        Names of inputs that are no forces but commands of the rig's motors: free lengths (m) or
+        velocities (m/s) of winches, forces of other motors. A free length beyond its bounds is
+        refused. `Log.u` has the force that the command gives at the beginning of each period.
 
     Returns
     -------
@@ -81,6 +86,7 @@ def rollout(
     found = rollouts(
         model, [inputs], duration, hold=hold, period=period, timestep=timestep,
         integrator=integrator, q0=q0, v0=v0, contacts=contacts, friction=friction, rig=rig,
+        commands=commands,
     )  # fmt: skip
     return found[0]
 
@@ -94,6 +100,7 @@ def rollouts(
     period: float | None = None,
     timestep: float | None = None,
     rig: Rig | str | None = None,
+    commands: Sequence[str] = (),
     **options: Any,
 ) -> list[Log]:
     """Several rollouts of one robot on all cores, each from the same state.
@@ -103,7 +110,7 @@ def rollouts(
 
     Parameters
     ----------
-    model, duration, hold, period, timestep, rig, **options
+    model, duration, hold, period, timestep, rig, commands, **options
         As for `rollout`.
     batch : sequence of inputs, or np.ndarray, (runs, steps, nu)
         The inputs of each run, all in forms with the same period.
@@ -121,7 +128,10 @@ def rollouts(
     check_model(model)
     if not isinstance(batch, Sequence | np.ndarray) or not len(batch):
         raise InputError("batch", "the inputs of each run", repr(batch))
-    planned = [held_inputs(model, inputs, duration, hold, period, timestep) for inputs in batch]
+    commanded = Commanded.of(model, commands, rig)
+    planned = [
+        held_inputs(model, inputs, duration, hold, period, timestep, commanded) for inputs in batch
+    ]
     grid = planned[0][0]
     for k, (other, _) in enumerate(planned):
         if other != grid:
@@ -129,38 +139,52 @@ def rollouts(
             raise InputError(f"batch[{k}]", expected, f"{other.period:g} s")
     options |= {"duration": duration, "period": grid.period, "timestep": grid.timestep}
     u = np.array([each for _, each in planned])
-    loop = _loop(model, u[0], options, rig)
+    direct = commanded.direct
+    loop = _loop(model, u[0], options, rig, direct)
     if rig_of(rig) is None and isinstance(loop.plant, Twin) and threads.fits(loop.plant, grid):
         loop.plant.model.opt.enableflags = 0  # nothing here needs the energy
         empty, states = loop.log(), StateMap(model, loop.plant)
         found = []
         for each, moved in zip(u, threads.integrate(loop.plant, grid, u), strict=True):
             if moved is None:  # the loop says why it diverged
-                found.append(_run(model, each, options, rig))
+                found.append(_run(model, each, options, rig, direct))
                 continue
             q, v = (np.array(rows) for rows in zip(*map(states.from_twin, *moved), strict=True))
             found.append(_filled(empty, model, grid, q, v, each))
         return found
-    return in_order(_run, [(model, each, options, rig) for each in u], -1 if len(u) > 1 else 1)
+    cases = [(model, each, options, rig, direct) for each in u]
+    return in_order(_run, cases, -1 if len(u) > 1 else 1)
 
 
 class _GivenInputs:
-    """A controller and its output: the input `u` of each period, whatever the state."""
+    """A controller and its output: the input `u` of each period, whatever the state.
+
+    Inputs that are commands go to the motors of `rig`.
+    """
 
     name = ROLLOUT
 
-    def __init__(self, rows: np.ndarray) -> None:
-        self._rows, self.u = iter(rows), np.zeros(0)
+    def __init__(self, rows: np.ndarray, direct: np.ndarray) -> None:
+        self._rows, self._direct, self.u = iter(rows), direct, np.zeros(0)
+        self.rig: RiggedPlant | None = None
 
     def __call__(self, state: State, reference: Reference) -> _GivenInputs:
-        self.u = next(self._rows)
+        row = next(self._rows)
+        self.u = row if self.rig is None else self.rig.direct(row, self._direct)
         return self
 
 
 def _loop(
-    model: SoftModel, u: np.ndarray, options: dict[str, Any], rig: Rig | str | None
+    model: SoftModel,
+    u: np.ndarray,
+    options: dict[str, Any],
+    rig: Rig | str | None,
+    direct: np.ndarray,
 ) -> ClosedLoop:
-    return ClosedLoop(model, _GivenInputs(u), nowhere, rig=rig, **options)
+    given = _GivenInputs(u, direct)
+    loop = ClosedLoop(model, given, nowhere, rig=rig, **options)
+    given.rig = loop.rig if direct.any() else None
+    return loop
 
 
 def _filled(
@@ -176,6 +200,12 @@ def _filled(
     )  # fmt: skip
 
 
-def _run(model: SoftModel, u: np.ndarray, options: dict[str, Any], rig: Rig | str | None) -> Log:
-    log = _loop(model, u, options, rig).run()
+def _run(
+    model: SoftModel,
+    u: np.ndarray,
+    options: dict[str, Any],
+    rig: Rig | str | None,
+    direct: np.ndarray,
+) -> Log:
+    log = _loop(model, u, options, rig, direct).run()
     return replace(log, step_us=np.full(log.steps, np.nan))

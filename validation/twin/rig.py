@@ -249,7 +249,8 @@ class RiggedPlant(Separate):
 
     The controller's forces u become commands. A winch gets the free length at which its tension is
     the force that was asked for, at the state that the controller saw; a velocity leads there in
-    one control period. A bound on a command's rate acts in every plant step, before the delay.
+    one control period. `direct` sends commands instead. A bound on a command's rate acts in every
+    plant step, before the delay.
 
     Parameters
     ----------
@@ -308,7 +309,7 @@ class RiggedPlant(Separate):
         self.command = self.sent = self._drivers.start(lengths)
         self.twin.hold(self.command, lengths)
         self._past.clear()
-        self._seen = state
+        self._seen, self._commands = state, np.full(len(lengths), np.nan)
 
     def show(self, estimate: State) -> State:
         """The state that the controller sees is this estimate."""
@@ -332,12 +333,23 @@ class RiggedPlant(Separate):
         """The inputs (nu,) that act, as forces; after `advance` those of one plant step before."""
         return self.twin.data.actuator_force[: self.twin.nu].copy()
 
+    def direct(self, values: np.ndarray, commanded: np.ndarray) -> np.ndarray:
+        """The forces (nu,) for values (nu,) that are commands where `commanded`, forces elsewhere.
+
+        A command becomes the force that it gives at the state that the controller saw; of a
+        velocity, that of the present free length. The next `advance` sends the command itself.
+        """
+        self._commands = np.where(commanded, values, np.nan)
+        lengths = np.where(self._drivers.speeds, self.twin.free_lengths, values)
+        return np.where(commanded, self._winches.tensions(self._seen, lengths), values)
+
     def advance(self, u: np.ndarray, steps: int) -> np.ndarray:
         """Integrate under the command for the force u (nu,); returns the last command (nu,)."""
         asked, drivers = self._winches.commands(self._seen, u), self._drivers
         if drivers.speeds.any():
             change = (asked - self.twin.free_lengths) / self._period
             asked = np.where(drivers.speeds, change, asked)
+        asked = np.where(np.isnan(self._commands), asked, self._commands)
         self.sent = asked
         if drivers.prompt:
             self.command = asked

@@ -290,3 +290,98 @@ def test_options_without_use_say_so(cart, tmp_path):
         with pytest.warns(UserWarning, match=f"{option} changes nothing"):
             done = command("rollout", file, "--u", "0", "--seconds", "0.01", option)
         assert done.code == 0
+
+
+# -- commands of motors instead of forces ----------------------------------------------------------
+
+HOIST = """<robot name="hoist"><link name="base"/><link name="load"><inertial><mass value="0.2"/>
+<inertia ixx="1e-5" ixy="0" ixz="0" iyy="1e-5" iyz="0" izz="1e-5"/></inertial></link>
+<joint name="drop" type="prismatic"><parent link="base"/><child link="load"/>
+<origin xyz="0 0 -0.3"/><axis xyz="0 0 -1"/>
+<limit lower="-0.2" upper="0.4" effort="9" velocity="9"/><dynamics damping="3"/></joint>
+<softdyn version="1"><tendon name="rope"><site link="base" xyz="0 0 0"/>
+<site link="load" xyz="0 0 0"/></tendon>
+<actuator name="winch" tendon="rope" gear="-1" lower="0" upper="30" {motor}/></softdyn></robot>"""
+WINCH = 'command="{}" stiffness="500" damping="5" length_lower="0.1" length_upper="1"'
+STRETCH = 0.2 * 9.81 / 500
+
+
+def hoist(folder, motor):
+    path = folder / "hoist.urdf"
+    path.write_text(HOIST.format(motor=WINCH.format(motor) if motor != "force" else ""))
+    return softdyn.load(path)
+
+
+def test_free_lengths_in_open_loop(tmp_path):
+    """A load hangs on its stretched cable, then rests on its stop with the cable slack."""
+    model = hoist(tmp_path, "length")
+    rows = [f"{0.1 * k:.1f},{0.5 if k < 15 else 1.0}" for k in range(31)]
+    (tmp_path / "lengths.csv").write_text("\n".join(["t,command.winch (m)", *rows]) + "\n")
+    words = ("--inputs", tmp_path / "lengths.csv", "--rig", "--log", tmp_path / "run.npz")
+    done = command("rollout", model.robot.path, *words)
+    assert done.code == 0, done.err
+    log = Log.load(tmp_path / "run.npz")
+    hanging, slack = np.searchsorted(log.t, (1.498, 2.998))
+    assert log.y[hanging, 2] == pytest.approx(-0.5 - STRETCH, abs=1e-6)
+    assert log.acting[hanging] == pytest.approx([0.2 * 9.81], abs=1e-4)
+    assert log.u[hanging] == pytest.approx([0.2 * 9.81], abs=1e-4)
+    assert log.acting[slack] == log.u[slack] == 0
+    assert log.y[slack, 2] == pytest.approx(-0.7, abs=1e-5)
+    assert set(log.command[:, 0]) == {0.5, 1.0}
+
+
+def test_velocities_and_forces_in_open_loop(tmp_path):
+    model = hoist(tmp_path, "velocity")
+    driven = {"rig": "file", "commands": ["winch"]}
+    log = rollout(model, lambda t: [0.1 if t < 1 else 0.0], 2.0, **driven)
+    assert log.y[-1, 2] == pytest.approx(-0.4 - STRETCH, abs=1e-3)
+    assert log.u[-1] == pytest.approx([0.2 * 9.81], abs=1e-3)
+    model = hoist(tmp_path, "force")
+    rig = Rig(lag=0.02)
+    assert_same(
+        rollout(model, [2.0], 0.1, rig=rig, commands=["winch"]), rollout(model, [2.0], 0.1, rig=rig)
+    )
+
+
+def test_commands_of_several_runs(tmp_path):
+    model = hoist(tmp_path, "length")
+    batch = [[0.3], [0.4]]
+    several = rollouts(model, batch, 0.1, rig="file", commands=["winch"])
+    for inputs, log in zip(batch, several, strict=True):
+        assert_same(log, rollout(model, inputs, 0.1, rig="file", commands=["winch"]))
+
+
+@pytest.mark.parametrize(
+    ("header", "cells", "words", "said"),
+    [
+        ("command.winch", "0.3", (), "expected u.winch, or --rig, with which motors take commands"),
+        ("command.winch,u.winch", "0.3,1", ("--rig",), "u.winch (a force) or command.winch (of"),
+        ("command.winch (mm)", "300", ("--rig",), "command.winch in m, got 'command.winch (mm)'"),
+        ("command.which", "0.3", ("--rig",), "did you mean 'command.winch'?"),
+        ("command.winch", "1.5", ("--rig",), "command of 'winch' at t = 0 s: expected 0.1 to 1"),
+        ("u.winch", "31", ("--rig",), "input 'winch' at t = 0 s: expected 0 to 30"),
+    ],
+)
+def test_wrong_commands_are_one_line(tmp_path, header, cells, words, said):
+    model = hoist(tmp_path, "length")
+    (tmp_path / "inputs.csv").write_text(f"t,{header}\n0,{cells}\n0.1,{cells}\n")
+    done = command("rollout", model.robot.path, "--inputs", tmp_path / "inputs.csv", *words)
+    assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
+    assert said in done.err
+
+
+def test_wrong_names_of_commands(tmp_path):
+    model = hoist(tmp_path, "length")
+    for names, rig, said in (
+        (["winch"], None, "commands: expected none without a rig, got winch"),
+        (["which"], "file", "did you mean 'winch'"),
+        ("winch", "file", "commands: expected names of inputs, got 'winch'"),
+    ):
+        with pytest.raises(InputError, match=said):
+            rollout(model, [0.3], 0.1, rig=rig, commands=names)
+    for name, kind in (("one", "u"), ("two", "command")):
+        (tmp_path / f"{name}.csv").write_text(f"t,{kind}.winch\n0,0.3\n0.1,0.3\n")
+    files = (tmp_path / "one.csv", tmp_path / "two.csv")
+    done = command("rollout", model.robot.path, "--rig", "--inputs", *files)
+    assert done.code == 2
+    assert "two.csv: expected commands of no motor, as in" in done.err
