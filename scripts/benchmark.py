@@ -48,6 +48,8 @@ figures.add_argument(
 )
 figures.add_argument("--no-plots", action="store_true", help="leave figures and index.html out")
 cli.add_json(parser)
+parser.unused("--seed --keep", lambda a: not a.ensemble, "only with --ensemble")
+parser.unused("--ensemble", lambda a: a.plots, "--plots runs nothing")
 
 
 def command(arguments: cli.Arguments) -> int:

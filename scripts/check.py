@@ -37,6 +37,7 @@ def command(arguments: cli.Arguments) -> int:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the report contains them
         model = cli.load_robot(arguments)
+    cli.warn_of_no_use(model.robot, arguments)
     found = diagnose(model, arguments.samples)
     cli.write_report(found.to_dict(), arguments.json, str(found))
     return cli.FAILED if found.doubts else cli.PASSED

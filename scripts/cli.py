@@ -20,6 +20,7 @@ from softdyn.files import read_toml as read_toml  # for the commands
 
 if TYPE_CHECKING:
     from softdyn import SoftModel
+    from softdyn.description.robot import Robot
     from softdyn.validation import Log
 
 PASSED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -37,6 +38,8 @@ class Parser(argparse.ArgumentParser):
         # argparse would take -1e-3 for an option, because its own pattern has no exponents.
         self._negative_number_matcher = re.compile(r"-\.?\d|-inf|-nan", re.IGNORECASE)
         self.outputs: list[str] = []
+        self._unused: list[tuple[list[str], Callable[[Arguments], bool], str]] = []
+        self._given: set[str] = set()
 
     def output(self, name: str, metavar: str, help: str) -> None:
         """Add an option for an output file, which `check_outputs` will check."""
@@ -46,6 +49,18 @@ class Parser(argparse.ArgumentParser):
         """Add an option with a default that its help states."""
         shown = f"{help} (default: %(default)s)"
         self.add_argument(name, type=kind, metavar=metavar, default=default, help=shown)
+
+    def unused(self, options: str, when: Callable[[Arguments], bool], reason: str) -> None:
+        """Declare options, separated by spaces, that the command ignores in some calls."""
+        self._unused.append((options.split(), when, reason))
+
+    def warn_of_unused(self, arguments: Arguments) -> None:
+        """Warn of each option that was given although this call ignores it."""
+        for options, when, reason in self._unused:
+            if when(arguments):
+                for option in options:
+                    if self._option_string_actions[option].dest in self._given:
+                        warn_useless(option, reason)
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse; for a misspelt option, name the nearest one before other errors."""
@@ -61,7 +76,14 @@ class Parser(argparse.ArgumentParser):
 
                 near = did_you_mean(one_line(name), known)
                 self.error(f"option: expected one of those that --help lists, got {near}")
-        return super().parse_args(args, namespace)
+        arguments = super().parse_args(args, namespace)
+        defaults = [(action, action.default) for action in self._actions]
+        for action in self._actions:
+            action.default = argparse.SUPPRESS
+        self._given = {*vars(super().parse_args(args))}
+        for action, default in defaults:
+            action.default = default
+        return arguments
 
     def error(self, message: str) -> NoReturn:
         """Exit with code 2 and one line, even if the arguments are long or have line breaks."""
@@ -124,6 +146,11 @@ def add_repair_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def warn_useless(option: str, reason: str) -> None:
+    """Warn that an option changes nothing."""
+    warnings.warn(f"{option} changes nothing: {reason}", stacklevel=2)
+
+
 def add_server_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a command that serves a page."""
     parser.add_argument(
@@ -138,15 +165,43 @@ def add_server_options(parser: argparse.ArgumentParser) -> None:
 
 
 def load_robot(arguments: Arguments) -> SoftModel:
-    """Load the ROBOT of the command line."""
+    """Load the ROBOT of the command line; warn of options that it has no use for."""
     import softdyn
 
-    return softdyn.load(
+    model = softdyn.load(
         arguments.robot,
         annotations=arguments.annotations,
         floating=arguments.floating,
         repair_inertia=arguments.repair_inertia,
     )
+    warn_of_no_use(model.robot, arguments)
+    return model
+
+
+def warn_of_no_use(robot: Robot, arguments: Arguments) -> None:
+    """Warn of each option that concerns what the robot does not have."""
+    from softdyn.dynamics.text import rig_lines
+
+    options = vars(arguments)
+    rubbing = [tendon for tendon in robot.tendons if tendon.friction]
+    solid = [link for link in robot.links if any("<collision" in look for look in link.looks)]
+    for name, there, reason in (
+        ("repair_inertia", robot.mended, "no link has an impossible inertia"),
+        ("contacts", len(solid) > 1, "fewer than two links have collision shapes"),
+        (
+            "friction",
+            rubbing or any(joint.friction for joint in robot.joints),
+            "no joint or cable has friction",
+        ),
+        (
+            "rig",
+            options.get("rig") != "file" or rubbing or any(rig_lines(robot)),
+            "the file states no lag, delay, winch, sensor or friction of cables",
+        ),
+    ):
+        if options.get(name) and not there:
+            option = f"--{name.replace('_', '-')}"
+            warn_useless(f"{robot.path}: {option}", reason)
 
 
 def make_controller(name: str, model: SoftModel, table: Any, cls: Any, file: str, **k: Any) -> Any:
@@ -229,6 +284,7 @@ def run(command: Command, arguments: Arguments, parser: Parser) -> int:
     try:
         with own_code_errors(program=command.__module__.partition(".")[0]):
             check_outputs(parser, arguments)
+            parser.warn_of_unused(arguments)
             return command(arguments)
     except OwnCodeError as error:
         print(error.trace, end="", file=sys.stderr)

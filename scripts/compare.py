@@ -55,6 +55,7 @@ parser.add_argument(
 )
 cli.add_server_options(parser)
 cli.add_json(parser)
+parser.unused("--port --no-open", lambda a: not a.view, "only --view serves a page")
 
 
 def command(arguments: cli.Arguments) -> int:

@@ -33,10 +33,20 @@ cli.add_robot_options(parser)
 parser.add_argument("--no-shapes", action="store_true", help="leave out shapes (MJCF: visual ones)")
 parser.add_argument("--contacts", action="store_true", help="MJCF: its links can touch each other")
 cli.add_json(parser)
+parser.unused(
+    "--annotations --floating --repair-inertia --contacts", lambda a: a.urdf,
+    "--urdf writes the robot as its file states it",
+)  # fmt: skip
+parser.unused(
+    "--annotations --floating --repair-inertia --contacts --no-shapes --json", lambda a: a.csv,
+    "--csv writes a log",
+)  # fmt: skip
 
 
 def command(arguments: cli.Arguments) -> int:
     """Write, then read the file and compare."""
+    from softdyn.description.library import find
+    from softdyn.description.urdf import parse
     from softdyn.validation import Log
     from softdyn.validation.mjcf import export
 
@@ -47,14 +57,16 @@ def command(arguments: cli.Arguments) -> int:
         shapes = not arguments.no_shapes
         result, lost = export.write_urdf(arguments.robot, arguments.urdf, shapes=shapes)
     else:
+        loading = {
+            name: getattr(arguments, name) for name in ("annotations", "floating", "repair_inertia")
+        }
+        cli.warn_of_no_use(parse(find(arguments.robot), **loading), arguments)
         result, lost = export.write_mjcf(
             arguments.robot,
             arguments.mjcf,
-            annotations=arguments.annotations,
-            floating=arguments.floating,
-            repair_inertia=arguments.repair_inertia,
             shapes=not arguments.no_shapes,
             contacts=arguments.contacts,
+            **loading,
         )
     for note in lost:
         print(f"lost: {note}", file=sys.stderr)

@@ -101,6 +101,16 @@ parser.option("--timestep", cli.positive, "S", "longest step of the twin", 1e-4)
 parser.output("--out", "FILE", "write the robot's file, URDF or TOML, with the new numbers")
 parser.output("--html", "FILE", "write a page: fit, residuals, intervals")
 cli.add_json(parser)
+parser.unused(
+    "--measure --noise --amplitude --bias --knots --at-rest --seeds --jobs --timestep",
+    lambda a: a.twin is None, "only with --twin",
+)  # fmt: skip
+parser.unused(
+    "--hold-out --outputs --static --test --camera --folds --hints --relabel",
+    lambda a: a.twin is not None, "--twin makes its own data",
+)  # fmt: skip
+parser.unused("--seeds --step", lambda a: a.excitations, "--excitations fits nothing")
+parser.unused("--hold-out", lambda a: a.test, "--test has the data of the test")
 
 
 def command(arguments: cli.Arguments) -> int:

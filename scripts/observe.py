@@ -55,6 +55,7 @@ parser.option("--period", cli.positive, "S", "time between steps in s", 0.002)
 parser.option("--seconds", cli.positive, "S", "time to observe in s", 1.0)
 parser.output("--plot", "FILE", "draw the arm coloured by its expected error: .png or .pdf")
 cli.add_json(parser)
+parser.unused("--period --seconds", lambda a: a.log or a.data, "the file has the times")
 
 
 def command(arguments: cli.Arguments) -> int:
@@ -164,6 +165,9 @@ def sensors_of(model: SoftModel, words: str) -> tuple[Sensor, ...]:
             0.0 if text is None else _not_negative(word, text) for text in found.groups()[1:]
         )
         kind, places = known[found[1]]
+        if not places:
+            expected = f"{found[1]} of a robot with driven tendons"
+            raise InputError("--sensors", expected, "one without inputs")
         sensors += [
             Sensor(
                 f"{found[1]} {part}", kind, noise=(noise,), rate=rate, latency=latency,

@@ -25,6 +25,11 @@ parser.add_argument(
 )
 parser.add_argument("--robot", metavar="ROBOT", help="the logs' robot (default: from the logs)")
 cli.add_robot_options(parser)
+parser.unused(
+    "--annotations --floating --repair-inertia", lambda a: a.robot is None, "only with --robot"
+)
+parser.unused("--robot --side-by-side", lambda a: a.html is None, "--plot shows no robot")
+parser.unused("--side-by-side", lambda a: a.html and len(a.logs) == 1, "there is one log")
 
 
 def command(arguments: cli.Arguments) -> int:

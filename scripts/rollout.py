@@ -62,7 +62,6 @@ SECONDS = 3.0
 def command(arguments: cli.Arguments) -> int:
     """Read the inputs, run and report."""
     import time
-    import warnings
     from pathlib import Path
 
     import numpy as np
@@ -77,7 +76,7 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.plot is not None:
         look.check_path(arguments.plot)
     model = cli.load_robot(arguments)
-    rig = make_rig(arguments.rig, model)
+    rig = make_rig(arguments.rig)
     names, several = ["run"], len(arguments.inputs or ()) > 1
     if several and arguments.log is not None:
         raise softdyn.InputError("--log", "--out FOLDER with several --inputs", arguments.log)
@@ -92,13 +91,6 @@ def command(arguments: cli.Arguments) -> int:
     if logs_to:
         cli.make_folder(Path(arguments.out))
         cli.check_outputs(parser, arguments, *logs_to)
-    rubs = any(joint.friction for joint in model.robot.joints)
-    rubs = rubs or any(tendon.friction for tendon in model.robot.tendons)
-    if arguments.friction and not rubs:
-        warnings.warn(
-            f"{model.robot.path}: --friction changes nothing: no joint or cable has friction",
-            stacklevel=1,
-        )
     began = time.perf_counter()
     with cli.saved_in_errors(arguments.log):
         logs = rollouts(

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import sys
-import warnings
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
@@ -136,6 +135,7 @@ parser.add_argument("--view", action="store_true", help="show the run live in th
 parser.option("--speed", cli.positive, "X", "pace of --view, simulated seconds per second", 1.0)
 cli.add_server_options(parser)
 cli.add_json(parser)
+parser.unused("--speed --port --no-open", lambda a: not a.view, "only --view serves a page")
 
 
 def command(arguments: cli.Arguments) -> int:
@@ -174,7 +174,7 @@ def command(arguments: cli.Arguments) -> int:
         from softdyn.validation.loop.certificate import TrueRate, certified
 
         TrueRate(controller)  # it may refuse the controller
-    rig, observer, shown = make_rig(arguments.rig, model), None, None
+    rig, observer, shown = make_rig(arguments.rig), None, None
     if arguments.observer is not None:
         from softdyn.validation.loop.observation import make_observer
 
@@ -325,22 +325,10 @@ def make_plant(model: SoftModel, arguments: cli.Arguments) -> Scene | None:
     return plant
 
 
-def make_rig(said: str | None, model: SoftModel) -> Any:
-    """The rig of the robot's file, or with what a TOML file changes.
-
-    A warning says that the file states none.
-    """
-    from softdyn.dynamics.text import rig_lines
+def make_rig(said: str | None) -> Any:
+    """The rig of the robot's file, or with what a TOML file changes."""
     from softdyn.validation.twin.rig import FROM_FILE, Rig
 
-    robot = model.robot
-    rubs = any(tendon.friction for tendon in robot.tendons)
-    if said == FROM_FILE and not rubs and not any(rig_lines(robot)):
-        warnings.warn(
-            f"{robot.path}: --rig changes nothing: the file states no lag, delay, winch, sensor or "
-            "friction of cables",
-            stacklevel=2,
-        )
     return said if said in (None, FROM_FILE) else Rig.of(cli.read_toml(said))
 
 

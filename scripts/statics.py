@@ -68,8 +68,9 @@ parser.add_argument(
     help="with --axis: side of a cell in m (default: a tenth of the robot's length)",
 )  # fmt: skip
 parser.add_argument(
-    "--friction", action="store_true", help="with --inputs: the rests with friction of cables"
-)
+    "--friction", action="store_true", dest="cable_friction",
+    help="with --inputs: the rests with friction of cables",
+)  # fmt: skip
 parser.option("--rays", cli.count, "N", "random inputs to raise", 40)
 parser.option(
     "--spread", cli.count, "N", "further stable equilibria sought where there are few", 100
@@ -84,16 +85,23 @@ parser.add_argument(
 )
 parser.output("--map", "FILE", "draw the equilibria and the targets: .png or .pdf")
 cli.add_json(parser)
+parser.unused(
+    "--rays --spread --shapes --seed --log", lambda a: a.inputs is not None,
+    "with --inputs nothing is searched",
+)  # fmt: skip
+parser.unused("--spread --shapes --log", lambda a: a.pose, "the search for --pose has none")
+parser.unused("--shapes --log --hold", lambda a: a.axis, "--axis maps sampled equilibria")
+parser.unused("--hold", lambda a: a.cable_friction, "the twin does not run for --friction")
 
 
 def command(arguments: cli.Arguments) -> int:
     """Search, judge and report."""
     from softdyn.validation.report.plot_style import check_path
 
-    if arguments.friction and arguments.inputs is None:
+    if arguments.cable_friction and arguments.inputs is None:
         parser.error("argument --friction: only with --inputs")
     for name in ("inputs", "pose"):
-        drawn = arguments.map is not None and not arguments.friction
+        drawn = arguments.map is not None and not arguments.cable_friction
         if drawn and getattr(arguments, name) is not None:
             parser.error(f"argument --map: not allowed with --{name}")
     if arguments.map is not None:
@@ -104,9 +112,10 @@ def command(arguments: cli.Arguments) -> int:
     goals = (arguments.theta, arguments.target, arguments.inputs, arguments.pose, arguments.axis)
     if model.nu == 0 and all(one is None for one in goals):
         arguments.inputs = []
+        parser.warn_of_unused(arguments)
     led = arguments.inputs is not None
     answer = lead if led else search if arguments.pose is None else hold_pose
-    answer = rub if arguments.friction else answer if arguments.axis is None else directions
+    answer = rub if arguments.cable_friction else answer if arguments.axis is None else directions
     report, text = answer(model, arguments)
     cli.write_report(report, arguments.json, text)
     return cli.PASSED

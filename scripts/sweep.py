@@ -58,6 +58,14 @@ parser.add_argument("--out", metavar="DIR", help="default: results/ and FILE's n
 parser.add_argument("--dry-run", action="store_true", help="only list the cases that would run")
 study_options.add_ensemble_options(parser)
 cli.add_json(parser)
+parser.unused("--seed", lambda a: not a.ensemble and not a.list, "only with --ensemble")
+parser.unused(
+    "--jobs --scheduler --ensemble --seed --keep", lambda a: a.dry_run, "--dry-run runs nothing"
+)
+parser.unused(
+    "--robots --controllers --period --annotations --gains --jobs --scheduler --out --dry-run "
+    "--ensemble --seed --keep --json", lambda a: a.list, "--list only lists the shipped sweeps",
+)  # fmt: skip
 
 
 def command(arguments: cli.Arguments) -> int:

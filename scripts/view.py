@@ -34,6 +34,7 @@ parser.output("--html", "FILE", "write the page to a file and serve nothing")
 parser.add_argument("--sliders", action="store_true", help="set joints or inputs by slider")
 cli.add_server_options(parser)
 cli.add_robot_options(parser)
+parser.unused("--port --no-open", lambda a: a.html, "--html serves no page")
 
 
 def command(arguments: cli.Arguments) -> int:

@@ -120,7 +120,7 @@ def link_solids(robot: Robot, links: Sequence[str] | None) -> tuple[Solid, ...]:
     Raises
     ------
     InputError
-        For a link without a shape, and for a shape that cannot be read or has no extent.
+        For a link or a robot without a shape, and for a shape that cannot be read or has no extent.
     """
     shapes, problems = visuals(robot, ("collision", "visual"))
     if problems:
@@ -129,7 +129,11 @@ def link_solids(robot: Robot, links: Sequence[str] | None) -> tuple[Solid, ...]:
     if links is None:
         carrier = moving_link_of(robot)
         still = None if robot.floating else robot.root
-        return tuple(solid for solid in found if carrier[str(solid.link)] != still)
+        moving = tuple(solid for solid in found if carrier[str(solid.link)] != still)
+        if not moving:
+            expected = f"a link of {robot.path} that moves, with a <collision> or <visual> shape"
+            raise InputError("links", expected, "none")
+        return moving
     for link in links:
         if not any(solid.link == link for solid in found):
             raise InputError("links", "links with a <collision> or <visual> shape", repr(link))

@@ -11,7 +11,8 @@ import pytest
 
 from softdyn.commands import __main__ as softdyn_command
 from softdyn.commands.__main__ import NAMES, main
-from tests.support import ROOT, SCRIPTS
+from tests.support import ROOT, SCRIPTS, preloaded
+from tests.support.command import command
 
 HELPERS = {"__init__", "__main__", "cli", "study_options"}
 
@@ -148,3 +149,55 @@ def test_a_target_far_out_of_reach_is_refused(name, capsys):
     assert main([name, "finger", "--target", "20", "0", "0"]) == 2
     said = "within the robot's reach of 0.24 m, got one 20 m from the base: in cm?"
     assert said in capsys.readouterr().err
+
+
+# -- options without use ---------------------------------------------------------------------------
+
+USELESS = [
+    (("statics", "--inputs", "9", "5", "--hold", "0.02", "--rays", "5"), "--rays", "--inputs"),
+    (("statics", "--axis", "1", "0", "0", "--rays", "1", "--hold", "1"), "--hold", "--axis maps"),
+    (("crosscheck", "--states-only", "--samples", "1", "--repair-inertia"), "--repair-inertia", ""),
+    (("check", "--samples", "1", "--repair-inertia"), "--repair-inertia", "impossible inertia"),
+    (("rollout", "--seconds", "0.01", "--contacts"), "--contacts", "collision shapes"),
+    (("rollout", "--seconds", "0.01", "--friction"), "--friction", "has friction"),
+    (("rollout", "--seconds", "0.01", "--rig"), "--rig", "states no lag"),
+    (("export", "--mjcf", "out.xml", "--contacts"), "--contacts", "collision shapes"),
+    (("export", "--urdf", "out.urdf", "--floating"), "--floating", "as its file states it"),
+    (("view", "--html", "out.html", "--port", "9000"), "--port", "serves no page"),
+    (("identify", "--twin", "0.1", "--folds", "2", "--timestep", "0.001"), "--folds", "own data"),
+]
+
+
+@pytest.mark.parametrize(("words", "option", "reason"), USELESS)
+def test_an_option_that_changes_nothing_says_so(tmp_path, words, option, reason):
+    file = tmp_path / "arm.urdf"
+    file.write_text(preloaded.text())
+    with pytest.warns(UserWarning, match=f"{option} changes nothing: .*{reason}") as told:
+        done = command(words[0], file, *words[1:], cwd=tmp_path)
+    assert done.code in (0, 1), done.err
+    assert len([one for one in told if "changes nothing" in str(one.message)]) == 1
+
+
+def test_an_option_with_a_use_says_nothing(tmp_path, recwarn):
+    file = tmp_path / "arm.urdf"
+    file.write_text(preloaded.text())
+    done = command("statics", file, "--inputs", "9", "5", "--hold", "0.02", "--json", "-")
+    assert done.code == 0, done.err
+    assert not recwarn.list
+
+
+def test_obstacles_of_a_robot_without_shapes_are_refused(tmp_path):
+    (tmp_path / "arm.urdf").write_text(preloaded.text())
+    (tmp_path / "around.toml").write_text("[[sphere]]\ncentre = [1.0, 0, 0]\nradius = 0.1\n")
+    words = ("best", "--target", "0.02", "0", "-0.199", "--obstacles", "around.toml")
+    done = command("run", "arm.urdf", *words, "--duration", "0.01", cwd=tmp_path)
+    assert (done.code, done.out) == (2, "")
+    assert "expected a link of arm.urdf that moves, with a <collision> or <visual>" in done.err
+
+
+def test_a_preload_can_be_exported(tmp_path):
+    """MuJoCo refuses a range of width zero."""
+    (tmp_path / "arm.urdf").write_text(preloaded.text())
+    done = command("export", "arm.urdf", "--mjcf", "arm.xml", cwd=tmp_path)
+    assert done.code == 0, done.err
+    assert "the files agree" in done.out

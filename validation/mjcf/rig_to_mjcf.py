@@ -49,7 +49,7 @@ def add_motor(parent: etree._Element, motor: Motor, timestep: float) -> None:
         Integration step (s) of the file.
     """
     _, _, tendon = motor.target.partition(":")
-    rig, bounds = motor.rig, (motor.lower, motor.upper)
+    rig, bounds = motor.rig, (motor.lower, _above(motor.lower, motor.upper))
     late = _late(rig.get("delay", 0.0), timestep) if "delay" in rig else {}
     lag = {"dyntype": "filterexact", "dynprm": rig["lag"]} if "lag" in rig else {}
     common = {"name": motor.name, "tendon": tendon, "gear": motor.gear}
@@ -73,6 +73,11 @@ def add_motor(parent: etree._Element, motor: Motor, timestep: float) -> None:
 
 
 _ENDS = (("lower", -1.0), ("upper", 1.0))
+
+
+def _above(lower: float, upper: float) -> float:
+    """The upper bound, above the lower one by a rounding error: MuJoCo refuses equal ones."""
+    return max(upper, math.nextafter(lower, math.inf))
 
 
 def _late(delay: float, timestep: float) -> dict[str, object]:
