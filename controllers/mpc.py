@@ -284,7 +284,8 @@ class Mpc(GuardedController):
             )  # fmt: skip
             target = self._follow.target
             if asked is not None:
-                return self._send(asked, np.nan, target, state, (linear, force, first))
+                present = linear, force, first
+                return self._send(asked, np.nan, target, state, present, clamped=True)
         t = by.ahead + link.delay
         error = aim.now - (aim.y + t * aim.ydot + 0.5 * t * t * aim.yddot)
         rows, inputs, offset = aim.rows, by.inputs, by.offset @ u
@@ -311,10 +312,13 @@ class Mpc(GuardedController):
 
     def _send(
         self, asked: np.ndarray, V: float, target: RestTarget | None, state: State,
-        present: Linearisation,
+        present: Linearisation, clamped: bool = False,
     ) -> Command:  # fmt: skip
-        """The command that is sent, within its bounds; it also predicts the next state."""
-        command, self._present = self.guard.accept(asked, V, np.nan), None
+        """The command that is sent, within its bounds; it also predicts the next state.
+
+        The feedback of a plan is `clamped`: it has no bounds of its own, as a QP's answer has.
+        """
+        command, self._present = self.guard.accept(asked, V, np.nan, clamped), None
         if command.status is Status.OK:
             self._present = state, present, self.actuation.acting
         self._expect(self.actuation.send(command.u))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -222,6 +223,22 @@ def test_the_finger_settles_whatever_the_period(period: float) -> None:
     assert 100 * np.linalg.norm(log.error[-1]) < 0.05
     assert log.fallbacks == log.not_solved == 0
     assert log.max_bound_violation < 1e-9
+
+
+def test_a_plan_s_feedback_saturates_by_design(monkeypatch) -> None:
+    """It is no answer of a solver, so its excess is no violation of the bounds."""
+    model = robot("finger")
+    law, goal = Mpc(model), paper.set_point("finger", 0.5).reference(0.0)
+    state = model.state(model.q0, np.zeros(model.nv))
+    law(state, goal)
+    follow = MagicMock(return_value=1e3 + model.u_max, target=None)
+    monkeypatch.setattr(law, "_found", True)
+    monkeypatch.setattr(law, "_follow", follow)
+    command = law(state, goal)
+    assert follow.called
+    assert command.status is Status.OK
+    assert command.u.tolist() == model.u_max.tolist()
+    assert law.guard.max_bound_violation == 0
 
 
 def test_a_robot_of_ones_own_needs_no_gains(tmp_path: Path) -> None:

@@ -35,9 +35,14 @@ def summary_text(log: Log, beside: Mapping[str, str] | None, tolerance: float | 
     if log.steps:
         parts = ", ".join(f"{name} {value:.0f}" for name, value in log.step_times_us.items())
         lines.append(f"step time      {parts} us over {log.steps} steps")
+    beyond = log.max_bound_violation
     lines.append(
         f"solver         {log.not_solved} not solved, {log.fallbacks} fallbacks, "
-        f"bounds exceeded by {log.max_bound_violation:.2g}"
+        + (
+            f"answers up to {beyond:.2g} beyond the bounds, clipped"
+            if beyond
+            else "inputs in bounds"
+        )
     )
     lines += judged.task_lines(log.task_figures)
     found = log.verdict(tolerance)
