@@ -80,7 +80,7 @@ def test_a_file_is_the_same_as_its_objects_and_its_table() -> None:
 @pytest.mark.parametrize(
     ("table", "said"),
     [
-        ({"ball": []}, "f.toml: expected tables half_space, sphere, box, pairs, got 'ball'"),
+        ({"ball": []}, "f.toml: expected any of half_space, sphere, box, pairs, got 'ball'"),
         ({"box": {"size": 1}}, "f.toml: expected tables [[box]]"),
         ({"sphere": [{"centre": [0, 0, 0]}]}, "f.toml: [[sphere]] 1: radius: expected a value"),
         ({"sphere": [{"centre": [0, 0, 0], "radus": 1}]}, "did you mean 'radius'?"),
