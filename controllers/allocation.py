@@ -9,7 +9,7 @@ import numpy as np
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import array
 from softdyn.controllers.qps.least_norm import bounded_least_norm
-from softdyn.controllers.qps.linear_algebra import inner, lq, row_space
+from softdyn.controllers.qps.linear_algebra import RANK_TOLERANCE, inner, lq, row_space
 from softdyn.dynamics.model import check_model
 
 FAR = 1e8  # of the inputs' largest torque; beyond it only the direction of τ counts
@@ -62,7 +62,9 @@ def allocate(model: SoftModel, state: State, tau: Any) -> np.ndarray:
         # far beyond the reach only the direction counts; this avoids overflow
         goal = tau / size if most / size <= FAR else tau / most * FAR
         unit = span.max()  # the same scale for all inputs, so that ‖u‖ is minimised
-        basis = row_space((effect / size).T)  # spans the torques that inputs can give
+        basis = row_space(
+            (effect / size).T, RANK_TOLERANCE
+        )  # spans the torques that inputs can give
         reached = inner(basis, (state.B * (unit / size)).T.copy())
         rank = len(basis)
         rows, turned, triangle = np.empty(reached.shape), *np.empty((2, rank, rank))

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from softdyn import SoftModel, State
 from softdyn.compiled import compiled
 from softdyn.controllers.controller import Command, InputGuard, Status
-from softdyn.controllers.gains import Gains, resolve
+from softdyn.controllers.gains import Gains
 from softdyn.controllers.law import InputRule, TaskLaw
 from softdyn.controllers.qps.least_norm import bounded_least_norm
 from softdyn.controllers.qps.level_qp import LevelQp
@@ -23,44 +21,23 @@ from softdyn.controllers.qps.linear_algebra import (
     row_space,
 )
 from softdyn.controllers.qps.qp import ACCEPTED, DenseQp
-from softdyn.controllers.qps.stacked_error import TaskRows, several_levels, task_error
+from softdyn.controllers.qps.stacked_error import TaskRows, several_levels
 from softdyn.controllers.qps.task_qp import Condensed
-from softdyn.tasks.task import Task
 
 
 class ClfQp(TaskLaw):
     """Paper, "CLF-QP": min w1 ‖μ - μ_ref‖² + ρ δ² with L_g L_f y u = -L_f² y + μ + ÿ_ref.
 
-    Parameters
-    ----------
-    model : SoftModel
-        The robot.
-    gains : Gains, optional
-        By default the paper's, for a bundled robot; required for any other.
-    tasks : sequence of softdyn.tasks.Task, optional
-        What to control; by default the position of the tip.
-
-    Raises
-    ------
-    InputError
-        If there are no gains for this robot, or the robot has no inputs.
+    Its arguments and errors are those of `TaskLaw`.
     """
 
     name = "clf-qp"
 
-    def __init__(
-        self,
-        model: SoftModel,
-        gains: Gains | None = None,
-        *,
-        tasks: Sequence[Task] | None = None,
-    ) -> None:
-        gains = resolve(model, self.name, gains)
-        error = task_error(model, gains, tasks)
-        rule: InputRule = Linearisation(model, gains)
+    def make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
+        """The QP in u alone, or one for each level of the tasks."""
         if several_levels(error):
-            rule = LevelQp(model, gains, LeastInput(model.nu), decrease=True, apart=True)
-        super().__init__(model, gains, rule, error)
+            return LevelQp(model, gains, LeastInput(model.nu), decrease=True, apart=True)
+        return Linearisation(model, gains)
 
 
 class LeastInput:

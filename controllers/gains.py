@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, SoftModel
-from softdyn.checks import did_you_mean
+from softdyn.checks import table_of
 from softdyn.dynamics.model import check_model
 from softdyn.exceptions import one_line
 
@@ -124,11 +124,7 @@ def from_table(
         For an unknown field, a number out of range, or a missing `Kp` that is not published.
     """
     names = [field.name for field in fields(Gains)]
-    unknown = [name for name in table if name not in names]
-    if unknown:
-        known = [*names, *options]
-        got = did_you_mean(str(unknown[0]), known)
-        raise InputError("gains", f"any of {', '.join(known)}", got)
+    table = table_of("gains", table, [*names, *options])
     published = PUBLISHED.get(model.bundled or "", {}).get(controller)
     if published is not None:
         return replace(published, **table)

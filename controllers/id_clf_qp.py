@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from softdyn import SoftModel, State
 from softdyn.compiled import compiled
-from softdyn.controllers.gains import Gains, resolve
-from softdyn.controllers.law import TaskLaw
+from softdyn.controllers.gains import Gains
+from softdyn.controllers.law import InputRule, TaskLaw
 from softdyn.controllers.qps.level_qp import make_qp
 from softdyn.controllers.qps.linear_algebra import (
     RANK_TOLERANCE,
@@ -21,9 +19,8 @@ from softdyn.controllers.qps.linear_algebra import (
     row_space,
     substitute_back,
 )
-from softdyn.controllers.qps.stacked_error import TaskRows, task_error
+from softdyn.controllers.qps.stacked_error import TaskRows
 from softdyn.controllers.qps.task_qp import Condensed
-from softdyn.tasks.task import Task
 
 
 class IdClfQp(TaskLaw):
@@ -31,40 +28,20 @@ class IdClfQp(TaskLaw):
 
     The paper's Discussion reports that it does not converge on highly underactuated robots.
 
-    Parameters
-    ----------
-    model : SoftModel
-        The robot.
-    gains : Gains, optional
-        By default the paper's of the Soft ID-CLF-QP, for a bundled robot; required for any other.
-    tasks : sequence of softdyn.tasks.Task, optional
-        What to control; by default the position of the tip.
-
-    Raises
-    ------
-    InputError
-        If there are no gains for this robot, or the robot has no inputs.
+    Its arguments and errors are those of `TaskLaw`; the default gains are the Soft ID-CLF-QP's.
     """
 
     name = "id-clf-qp"
 
-    def __init__(
-        self,
-        model: SoftModel,
-        gains: Gains | None = None,
-        *,
-        tasks: Sequence[Task] | None = None,
-    ) -> None:
-        gains = resolve(model, self.name, gains)
-        error = task_error(model, gains, tasks)
-        qp = make_qp(
+    def make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
+        """The QP in u, with the decrease condition."""
+        return make_qp(
             model,
             gains,
             lambda gains: HardInverseDynamics(gains, model.nu, error.rows),
             error,
             decrease=True,
         )
-        super().__init__(model, gains, qp, error)
 
 
 class HardInverseDynamics:

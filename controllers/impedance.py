@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from softdyn import InputError, SoftModel, State
 from softdyn.compiled import compiled
 from softdyn.controllers.controller import Command, InputGuard
-from softdyn.controllers.gains import Gains, resolve
-from softdyn.controllers.law import TaskLaw
+from softdyn.controllers.gains import Gains
+from softdyn.controllers.law import InputRule, TaskLaw
 from softdyn.controllers.qps.linear_algebra import (
     RANK_TOLERANCE,
     add,
@@ -25,8 +23,7 @@ from softdyn.controllers.qps.linear_algebra import (
     substitute,
 )
 from softdyn.controllers.qps.qp import DenseQp
-from softdyn.controllers.qps.stacked_error import TaskRows, several_levels, task_error
-from softdyn.tasks.task import Task
+from softdyn.controllers.qps.stacked_error import TaskRows, several_levels
 
 
 @compiled
@@ -119,50 +116,26 @@ class ImpedanceLaw:
         return guard.accept(u, tip.V, np.nan, clamped=True)
 
 
-def one_level(error: TaskRows) -> TaskRows:
-    """Refuse tasks of several levels: a clamped input keeps none of them.
-
-    Raises
-    ------
-    InputError
-        For several levels.
-    """
-    if several_levels(error):
-        raise InputError("tasks", "one level, in a closed form; ic-qp keeps levels", "several")
-    return error
-
-
 class Impedance(TaskLaw):
     """Paper, "Impedance Control": u = clamp(B⁺(Jᵀ f + D q̇ + K + g)), eq. (IC).
 
-    Parameters
-    ----------
-    model : SoftModel
-        The robot.
-    gains : Gains, optional
-        By default the paper's, for a bundled robot; required for any other.
-    tasks : sequence of softdyn.tasks.Task, optional
-        What to control; by default the position of the tip.
-
-    Raises
-    ------
-    InputError
-        If there are no gains for this robot, or the robot has no inputs.
+    Its arguments and errors are those of `TaskLaw`; tasks must have one level.
     """
 
     name = "ic"
     project = False  # onto range(B)
 
-    def __init__(
-        self,
-        model: SoftModel,
-        gains: Gains | None = None,
-        *,
-        tasks: Sequence[Task] | None = None,
-    ) -> None:
-        gains = resolve(model, self.name, gains)
-        error = one_level(task_error(model, gains, tasks))
-        super().__init__(model, gains, ImpedanceLaw(project=self.project), error)
+    def make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
+        """The clamped law.
+
+        Raises
+        ------
+        InputError
+            For tasks of several levels, because a clamped input keeps none of them.
+        """
+        if several_levels(error):
+            raise InputError("tasks", "one level, in a closed form; ic-qp keeps levels", "several")
+        return ImpedanceLaw(project=self.project)
 
 
 class UnderactuatedImpedance(Impedance):

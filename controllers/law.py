@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
 
 from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.controllers.controller import Command, GuardedController, InputGuard, warm_up
-from softdyn.controllers.gains import Gains
+from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.qps.qp import DenseQp
-from softdyn.controllers.qps.stacked_error import StackedError, TaskRows
+from softdyn.controllers.qps.stacked_error import StackedError, TaskRows, task_error
+from softdyn.tasks.task import Task
 
 
 class InputRule(Protocol):
@@ -33,16 +36,16 @@ class InputRule(Protocol):
 class TaskLaw(GuardedController):
     """A controller of the paper: a rule for the input, behind a guard.
 
+    A class of this kind has a `name`, and makes its rule in `make_rule`.
+
     Parameters
     ----------
     model : SoftModel
         The robot.
-    gains : Gains
-        The controller's parameters.
-    rule : InputRule
-        Computes the input.
-    error : TaskRows
-        The error that it regulates.
+    gains : Gains, optional
+        By default the paper's, for a bundled robot; required for any other.
+    tasks : sequence of softdyn.tasks.Task, optional
+        What to control; by default the position of the tip.
 
     Attributes
     ----------
@@ -50,25 +53,44 @@ class TaskLaw(GuardedController):
         Its name on the command line and in tables.
     options : tuple of str
         Names of further parameters of the class; a table of gains may hold them too.
+    gains : Gains
+        The controller's parameters.
     error : TaskRows
         The tasks' error at the last call.
     solvers : tuple of DenseQp
         The solvers of the rule, so that a caller can time them.
+
+    Raises
+    ------
+    InputError
+        If there are no gains for this robot, or the robot has no inputs.
     """
 
     name = ""
     options: tuple[str, ...] = ()
 
-    def __init__(self, model: SoftModel, gains: Gains, rule: InputRule, error: TaskRows) -> None:
-        self.gains, self.guard = gains, InputGuard(model.u_min, model.u_max, model.robot)
-        self.solvers = rule.solvers
-        self._rule, self.error = rule, error
+    def __init__(
+        self,
+        model: SoftModel,
+        gains: Gains | None = None,
+        *,
+        tasks: Sequence[Task] | None = None,
+    ) -> None:
+        self.gains = resolve(model, self.name, gains)
+        self.guard = InputGuard(model.u_min, model.u_max, model.robot)
+        self.error = error = task_error(model, self.gains, tasks)
+        self._rule = self.make_rule(model, self.gains, error)
+        self.solvers = self._rule.solvers
         if isinstance(error, StackedError):
             self.tasks = error.tasks  # they have no targets yet
-            rule.command(model.state(model.q0, np.zeros(model.nv)), error, self.guard)
+            self._rule.command(model.state(model.q0, np.zeros(model.nv)), error, self.guard)
             self.reset(0.0)
         else:
             warm_up(self, model)
+
+    @abstractmethod
+    def make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
+        """The rule of this controller."""
 
     def reset(self, period: float) -> None:
         """Begin a run; these controllers do not use the control period (s)."""

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from softdyn import InputError, Reference, SetPoint, SoftModel, State
-from softdyn.checks import number, vector
+from softdyn import Reference, SetPoint, SoftModel, State
+from softdyn.checks import number, table_of, vector
 from softdyn.controllers.controller import (
     SILENT,
     Command,
@@ -91,13 +91,8 @@ def resolve_parameters(given: MpcParameters | Mapping[str, Any] | None) -> MpcPa
     """
     if isinstance(given, MpcParameters):
         return given
-    table = {} if given is None else given
     names = [field.name for field in fields(MpcParameters)]
-    if isinstance(table, Mapping) and set(table) <= set(names):
-        return MpcParameters(**table)
-    raise InputError(
-        "parameters", f"softdyn.controllers.MpcParameters ({', '.join(names)})", repr(given)
-    )
+    return MpcParameters(**table_of("parameters", {} if given is None else given, names))
 
 
 class Mpc(GuardedController):

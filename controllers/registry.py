@@ -6,7 +6,7 @@ import importlib.util
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +66,7 @@ def make_controller(
     model: SoftModel,
     parameters: Any = None,
     cls: Callable[..., Any] | None = None,
+    source: str | None = None,
     **more: Any,
 ) -> Any:
     """A controller for one run, by its name.
@@ -81,6 +82,8 @@ def make_controller(
         ``best`` or ``mpc`` may also have ``lag``, ``delay`` and ``friction``.
     cls : Callable, optional
         The class of the name, if it is known already.
+    source : str, optional
+        The file that the parameters are from, which an error about them names.
     more : Any
         Further arguments of the class by their names, such as its `tasks`.
 
@@ -91,7 +94,8 @@ def make_controller(
         error.
     """
     make = find_controller(name) if cls is None else cls
-    with one_line_errors(name, "a controller"):
+    where = nullcontext() if source is None else _errors_of(source)
+    with where, one_line_errors(name, "a controller"):
         if parameters is None:
             return make(model, **more)
         paper = name in CONTROLLERS
@@ -102,6 +106,17 @@ def make_controller(
         options = {key: value for key, value in parameters.items() if key in own}
         gains = from_table(model, name, rest, own) if paper else rest or None
         return make(model, gains, **options, **more)
+
+
+@contextmanager
+def _errors_of(source: str) -> Iterator[None]:
+    """Add the file of a controller's parameters to an error about them."""
+    try:
+        yield
+    except InputError as error:
+        if is_own(error.name):  # it says which line of the user's code
+            raise
+        raise InputError(f"{source}: {error.name}", error.expected, error.got) from None
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.checks import number
 from softdyn.controllers.barriers import BarrierRows, ControlBarrier
 from softdyn.controllers.controller import Command, WrappingController
+from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.qp import QpProblem, QpSolution
 from softdyn.controllers.soft_id_clf_qp import SoftIdClfQp
@@ -105,8 +106,19 @@ def among(make: Callable[..., Any], around: Surroundings | None) -> Callable[...
     if around is None:
         return make
     if make is SoftIdClfQp:
-        return partial(SoftIdClfQp.among, around.barriers)
+        return partial(_with_barriers, around.barriers)
     return partial(_filtered, make, around.barriers)
+
+
+def _with_barriers(
+    barriers: Sequence[ControlBarrier],
+    model: SoftModel,
+    gains: Gains | None = None,
+    **options: Any,
+) -> SoftIdClfQp:
+    """The law with barriers, by default over a horizon of ε of its gains."""
+    usual = {"horizon": resolve(model, SoftIdClfQp.name, gains).eps}
+    return SoftIdClfQp(model, gains, barriers=barriers, **usual | options)
 
 
 def _filtered(

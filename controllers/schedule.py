@@ -12,8 +12,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from softdyn import InputError, SoftModel
-from softdyn.checks import number
+from softdyn import SoftModel
+from softdyn.checks import number, table_of
 from softdyn.controllers.gains import Gains
 from softdyn.dynamics.model import check_model
 from softdyn.files import read_toml
@@ -80,10 +80,9 @@ def make_schedule(table: Mapping[str, Any]) -> Schedule:
         For tables or numbers that are missing, unknown or out of range.
     """
     names = [field.name for field in fields(Schedule)]
-    if sorted(table) != sorted(names):
-        raise InputError("gains", f"a schedule: {', '.join(names)}", ", ".join(table) or "nothing")
-    stages = {name: _stage(name, table[name]) for name in names[:2]}
-    return Schedule(**{**table, **stages})
+    found = table_of("gains", table, names, names)
+    stages = {name: _stage(name, found[name]) for name in names[:2]}
+    return Schedule(**{**found, **stages})
 
 
 def tuned(model: SoftModel) -> Schedule | None:
@@ -94,7 +93,6 @@ def tuned(model: SoftModel) -> Schedule | None:
 
 def _stage(name: str, table: Any) -> Stage:
     allowed = [*(field.name for field in fields(Gains)), *OWN]
-    if not isinstance(table, Mapping) or "Kp" not in table or set(table) - set(allowed):
-        raise InputError(name, f"a table with Kp and any of {', '.join(allowed[1:])}", table)
-    own = {key: value for key, value in table.items() if key in OWN}
-    return Stage(Gains(**{key: value for key, value in table.items() if key not in OWN}), **own)
+    gains = table_of(name, table, allowed, ("Kp",))
+    own = {key: gains.pop(key) for key in OWN if key in gains}
+    return Stage(Gains(**gains), **own)

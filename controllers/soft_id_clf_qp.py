@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -11,11 +10,11 @@ from softdyn import SoftModel
 from softdyn.checks import array, number
 from softdyn.controllers.barriers import BarrierRows, ControlBarrier
 from softdyn.controllers.gains import Gains, resolve
-from softdyn.controllers.law import TaskLaw
+from softdyn.controllers.law import InputRule, TaskLaw
 from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.level_qp import make_qp
 from softdyn.controllers.qps.soft_inverse_dynamics import SoftInverseDynamics
-from softdyn.controllers.qps.stacked_error import task_error
+from softdyn.controllers.qps.stacked_error import TaskRows
 from softdyn.tasks.task import Task
 
 
@@ -24,10 +23,8 @@ class SoftIdClfQp(TaskLaw):
 
     Parameters
     ----------
-    model : SoftModel
-        The robot.
-    gains : Gains, optional
-        By default the paper's, for a bundled robot; required for any other.
+    model, gains, tasks
+        As in `TaskLaw`.
     horizon : float
         τ (s) of the dynamics, see `qps.horizon`; 0 gives the published controller.
     u_ref : float or ndarray, (nu,)
@@ -35,8 +32,6 @@ class SoftIdClfQp(TaskLaw):
         shapes from relaxing, see `docs/beyond.md`; 0 in the paper.
     barriers : sequence of ControlBarrier
         Obstacles and limits, see `barriers`. Their rows hold over the horizon and over a period.
-    tasks : sequence of softdyn.tasks.Task, optional
-        What to control; by default the position of the tip.
 
     Attributes
     ----------
@@ -68,8 +63,11 @@ class SoftIdClfQp(TaskLaw):
         given = [u_ref] * model.nu if np.ndim(u_ref) == 0 else u_ref
         self.u_ref = array("u_ref", given, (model.nu,))
         self.barrier_rows = BarrierRows(model, barriers, self.horizon) if barriers else None
-        error = task_error(model, gains, tasks)
-        qp = make_qp(
+        super().__init__(model, gains, tasks=tasks)
+
+    def make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
+        """The QP with the decrease condition, and with the barriers' rows."""
+        return make_qp(
             model,
             gains,
             lambda gains: SoftInverseDynamics(gains, model.nu, self.u_ref, error.rows),
@@ -78,19 +76,6 @@ class SoftIdClfQp(TaskLaw):
             horizon=Horizon(model, self.horizon),
             barriers=self.barrier_rows,
         )
-        super().__init__(model, gains, qp, error)
-
-    @classmethod
-    def among(
-        cls,
-        barriers: Sequence[ControlBarrier],
-        model: SoftModel,
-        gains: Gains | None = None,
-        **options: Any,
-    ) -> SoftIdClfQp:
-        """The controller with barriers, by default over a horizon of ε of its gains."""
-        usual = {"horizon": resolve(model, cls.name, gains).eps}
-        return cls(model, gains, barriers=barriers, **usual | options)
 
     def reset(self, period: float) -> None:
         """Begin a run; barriers then have rows over its control period (s) too."""

@@ -204,20 +204,6 @@ def warn_of_no_use(robot: Robot, arguments: Arguments) -> None:
             warn_useless(f"{robot.path}: {option}", reason)
 
 
-def make_controller(name: str, model: SoftModel, table: Any, cls: Any, file: str, **k: Any) -> Any:
-    """A controller with the parameters of a file; an error about them names the file."""
-    from softdyn import InputError
-    from softdyn.controllers import registry
-
-    try:
-        return registry.make_controller(name, model, table, cls, **k)
-    except InputError as error:
-        if registry.is_own(error.name):  # it says which line of the user's code
-            raise
-        where = f"{file}: {error.name}"
-        raise InputError(where, error.expected, error.got) from None
-
-
 def best_note(model: SoftModel, name: str, gains: str | None) -> str:
     """A line saying that `best` is `mpc` for a robot without a tuned schedule; else empty."""
     from softdyn.controllers.schedule import tuned

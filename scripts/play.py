@@ -127,7 +127,7 @@ def tasks_for(model: Any, which: str | None) -> Any:
 def controllers_of(arguments: cli.Arguments, first: str, around: Any = None) -> dict[str, Any]:
     """Controllers of the command line by name, each made as ``make(model)``."""
     from softdyn import InputError
-    from softdyn.controllers.registry import find_controller
+    from softdyn.controllers.registry import find_controller, make_controller
     from softdyn.controllers.safety_filter import among
     from softdyn.view.live.messages import OPEN_LOOP
 
@@ -143,8 +143,12 @@ def controllers_of(arguments: cli.Arguments, first: str, around: Any = None) -> 
             expected = f"a table for one of {', '.join(names)}"
             raise InputError(f"{arguments.gains}: {next(iter(table))}", expected, "another key")
         tables[first] = table
-    return own | {name: partial(cli.make_controller, name, table=tables[name], cls=own[name],
-                                file=arguments.gains) for name in tables}  # fmt: skip
+    return own | {
+        name: partial(
+            make_controller, name, parameters=table, cls=own[name], source=arguments.gains
+        )
+        for name, table in tables.items()
+    }
 
 
 main = cli.program(parser, command, __name__)

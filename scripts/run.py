@@ -169,7 +169,7 @@ def command(arguments: cli.Arguments) -> int:
     plant = make_plant(model, arguments)
     around = make_surroundings(arguments.obstacles)
     with naming(model):
-        controller = make_controller(model, arguments.controller, arguments.gains, around, **more)
+        controller = controller_of(model, arguments.controller, arguments.gains, around, **more)
     if arguments.certify:
         from softdyn.validation.loop.certificate import TrueRate, certified
 
@@ -359,17 +359,16 @@ def naming(model: SoftModel) -> Iterator[None]:
         raise InputError(where, error.expected, error.got) from None
 
 
-def make_controller(
+def controller_of(
     model: SoftModel, name: str, file: str | None, around: Surroundings | None = None, **more: Any
 ) -> Any:
     """A controller by its command-line name, with the parameters of a file if there is one."""
     from softdyn.controllers import registry
     from softdyn.controllers.safety_filter import among
 
+    table = None if file is None else cli.read_toml(file)
     cls = among(registry.find_controller(name), around)
-    if file is None:
-        return registry.make_controller(name, model, cls=cls, **more)
-    return cli.make_controller(name, model, cli.read_toml(file), cls, file, **more)
+    return registry.make_controller(name, model, table, cls, source=file, **more)
 
 
 main = cli.program(parser, command, __name__)

@@ -43,7 +43,7 @@ def command(arguments: cli.Arguments) -> int:
 
     import numpy as np
 
-    from softdyn.commands.run import make_controller, naming
+    from softdyn.commands.run import controller_of, naming
     from softdyn.controllers.registry import one_line_errors
     from softdyn.validation import simulate
 
@@ -54,7 +54,7 @@ def command(arguments: cli.Arguments) -> int:
     try:
         for seconds in (WARM_UP, arguments.seconds):
             with naming(model):
-                controller = make_controller(model, name, arguments.gains)
+                controller = controller_of(model, name, arguments.gains)
             with one_line_errors(name, "a command"):
                 if hasattr(controller, "prepare"):  # else its first step would wait for a search
                     controller.prepare(experiment.reference)

@@ -171,13 +171,13 @@ def _numba_forms() -> tuple[Any, Any]:
     """Numba's form of compiled results, and its locator where no folder is writable."""
     caching = numba.core.caching
 
-    class Beside(caching.InTreeCacheLocator):  # type: ignore[misc, name-defined]
+    class Beside(caching.InTreeCacheLocator):  # type: ignore[name-defined]
         """The folder beside the source, writable or not."""
 
         def ensure_cache_path(self) -> None:
             pass
 
-    class Form(caching.CompileResultCacheImpl):  # type: ignore[misc, name-defined]
+    class Form(caching.CompileResultCacheImpl):  # type: ignore[name-defined]
         _locator_classes = (*caching.CompileResultCacheImpl._locator_classes, Beside)
 
     return Form, Beside

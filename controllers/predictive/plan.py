@@ -40,6 +40,7 @@ from softdyn import SoftModel, State
 from softdyn.controllers.predictive.background import Job
 from softdyn.controllers.predictive.objective import stiffness_at_rest
 from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget
+from softdyn.controllers.qps.qp import DenseQp, QpProblem
 from softdyn.dynamics.derivatives import residual_derivatives
 
 STUCK = 1.0  # s without arriving after which targets are searched for, or another plan is made
@@ -66,8 +67,6 @@ GAPS = 1e3  # cost of the sum of the gaps
 NEWTON = 12  # iterations of a step
 CLOSE = 1e-4  # rad, m: a step's error before Newton's last iteration
 SOLVED = 1e-3  # rad, m: a larger one is no solution
-PASSES = 50  # iterations of Newton's method in the free commands
-ENOUGH = 1e-12  # relative decrease of the objective at which it ends
 
 
 class PlanFollower:
@@ -534,38 +533,6 @@ def _step(
     return state, A, B
 
 
-def free_of(x: np.ndarray, slope: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Whether each component (m,) is not pressed against a bound by the slope of the objective."""
-    free: np.ndarray = ~(((x <= lower) & (slope > 0)) | ((x >= upper) & (slope < 0)))
-    return free
-
-
-def bounded_minimum(
-    H: np.ndarray, g: np.ndarray, lower: np.ndarray, upper: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The minimiser x (m,) of ½ xᵀHx + gᵀx within bounds that contain 0, and its free components.
-
-    Projected Newton steps, halved until the objective falls. H (m, m) must be positive definite.
-    """
-    x, value = np.zeros(len(g)), 0.0
-    for _ in range(PASSES):
-        slope = g + H @ x
-        index = np.flatnonzero(free_of(x, slope, lower, upper))
-        newton = np.zeros(len(g))
-        newton[index] = -np.linalg.solve(H[np.ix_(index, index)], slope[index])
-        share, before = 1.0, value
-        while share > 1e-9:
-            trial = np.minimum(np.maximum(x + share * newton, lower), upper)
-            found = float(trial @ (0.5 * (H @ trial) + g))
-            if found < value:
-                x, value = trial, found
-                break
-            share *= 0.5
-        if before - value <= ENOUGH * abs(value):
-            break
-    return x, free_of(x, g + H @ x, lower, upper)
-
-
 def backward(
     A: np.ndarray, B: np.ndarray, J: np.ndarray, error: np.ndarray, away: np.ndarray,
     gap: np.ndarray, drift: np.ndarray, weight: np.ndarray, last: np.ndarray, change: np.ndarray,
@@ -596,10 +563,15 @@ def backward(
         What is added to Q_cc, so that a step stays small.
     lower, upper : ndarray, (N, m)
         The bounds minus the path's commands.
+
+    Raises
+    ------
+    LinAlgError
+        If a step has no minimum.
     """
     count, nx, m = B.shape
     n, acting = J.shape[2], nx - m
-    steps, gains = np.zeros((count, m)), np.zeros((count, m, nx))
+    steps, gains, qp = np.zeros((count, m)), np.zeros((count, m, nx)), DenseQp(m, m, guess=True)
     V, s = last.copy(), last @ away[count - 1]
     for k in range(count - 1, -1, -1):
         V += weight
@@ -613,8 +585,11 @@ def backward(
         Qcx[:, acting:] -= change
         Qxx[acting:, acting:] += change
         Qx[acting:] -= pull
-        step, free = bounded_minimum(Qcc + extra, Qc, lower[k], upper[k])
-        index = np.flatnonzero(free)
+        found = qp.solve(QpProblem(Qcc + extra, Qc, np.eye(m), lower[k], upper[k]))
+        if found is None or not found.solved:
+            raise np.linalg.LinAlgError("a step has no minimum")
+        step = np.clip(found.x, lower[k], upper[k])
+        index = np.flatnonzero(found.multipliers == 0)
         gains[k, index] = -np.linalg.solve((Qcc + extra)[np.ix_(index, index)], Qcx[index])
         K = gains[k]
         V = Qxx + K.T @ (Qcc @ K) + K.T @ Qcx + Qcx.T @ K

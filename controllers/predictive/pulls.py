@@ -27,9 +27,7 @@ import numpy as np
 
 from softdyn import SoftModel, State
 from softdyn.actuation import Capstan
-from softdyn.compiled import compiled
 from softdyn.controllers.predictive.objective import stiffness_at_rest
-from softdyn.controllers.qps.linear_algebra import dot, solve_rows
 from softdyn.dynamics.projection import underlying_tree
 
 HORIZON = 0.3  # H (s)
@@ -87,12 +85,18 @@ class FrictionPulls:
         force = state.B @ u - state.h + state.D @ v
         if unmodelled is not None:
             force += unmodelled
-        shares = _shares(
-            capstan.tendon, capstan.friction * guides.angles, guides.arms,
-            _ordered(state.M, state.D, self._springs, force, v), -np.sign(guides.pull(u)),
-            state.moment_arms, self._compliance, REST,
-        )  # fmt: skip
-        self._shares = shares[self._tendon]
+        matrix = state.M + ORDERED * state.D
+        matrix.flat[:: model.nv + 1] += ORDERED**2 * self._springs
+        ordered = np.linalg.solve(matrix, state.M @ v + ORDERED * force)
+        beyond = guides.arms_beyond
+        slid, width = -beyond @ ordered, REST * np.abs(beyond).sum(axis=1)
+        direction = slid / np.maximum(np.hypot(slid, width), 1e-150)
+        own, sign = state.moment_arms, -np.sign(guides.pull(u))[capstan.tendon]
+        rubbed = own + guides.friction_arms(direction, sign)
+        weighed = rubbed @ self._compliance
+        size, along = ((weighed * arms).sum(axis=1) for arms in (rubbed, own))
+        shares = np.divide(along, size, out=np.ones(len(own)), where=size > 0)
+        self._shares = np.clip(shares, 0.0, LARGEST)[self._tendon]
         pulls: np.ndarray = np.clip(u * self._shares, model.u_min, model.u_max)
         pulls.flags.writeable = False
         return pulls
@@ -101,53 +105,3 @@ class FrictionPulls:
         """The inputs (nu,) that act under pulls (nu,), with the r of the last call."""
         r = self._shares
         return np.divide(pulls, r, out=np.array(pulls, float), where=r > 0)
-
-
-@compiled
-def _ordered(M, D, springs, force, v):
-    """The speeds (n,) after one step of backward Euler."""
-    n = len(v)
-    system = np.empty((n, n + 1))
-    for i in range(n):
-        momentum = 0.0
-        for j in range(n):
-            system[i, j] = M[i, j] + ORDERED * D[i, j]
-            momentum += M[i, j] * v[j]
-        system[i, i] += ORDERED * ORDERED * springs[i]
-        system[i, n] = momentum + ORDERED * force[i]
-    solve_rows(system)
-    return system[:, n].copy()
-
-
-@compiled
-def _shares(tendon, turns, arms, speeds, sign, own, compliance, rest):
-    """r (tendons,) of cables with μφ and moment arms (guides, n) of the pieces behind the guides.
-
-    The tendons have `own` moment arms and tensions of a `sign`.
-    """
-    guides, n = arms.shape
-    direction, beyond = np.empty(guides), np.zeros(n)
-    for g in range(guides - 1, -1, -1):
-        if g < guides - 1 and tendon[g] != tendon[g + 1]:
-            beyond[:] = 0.0
-        slid, width = 0.0, 1e-150  # not squared to zero
-        for j in range(n):
-            beyond[j] += arms[g, j]
-            slid -= beyond[j] * speeds[j]
-            width += rest * abs(beyond[j])
-        direction[g] = slid / np.sqrt(slid * slid + width * width)
-    rubbed, lost = own.copy(), 0.0
-    for g in range(guides):
-        t = tendon[g]
-        lost = direction[g] * turns[g] + (lost if g > 0 and tendon[g - 1] == t else 0.0)
-        change = np.expm1(-sign[t] * lost)
-        for j in range(n):
-            rubbed[t, j] += change * arms[g, j]
-    shares, weighed = np.ones(len(own)), np.empty(n)
-    for t in range(len(own)):
-        for j in range(n):
-            weighed[j] = dot(compliance[j], rubbed[t])
-        size = dot(weighed, rubbed[t])
-        if size > 0.0:
-            shares[t] = min(max(dot(weighed, own[t]) / size, 0.0), LARGEST)
-    return shares

@@ -25,8 +25,6 @@ import math
 import numpy as np
 
 from softdyn import SoftModel, State
-from softdyn.compiled import compiled
-from softdyn.controllers.qps.linear_algebra import dot
 
 FADING = 0.04  # τ (s)
 WINDOW = 0.1  # s, of the correlation
@@ -83,48 +81,32 @@ class StateFilter:
         The forces of the stops are not part of d: joints that are at a stop now or were so one
         period ago keep their measured state and their d, and d is 0 at a stop.
         """
-        off, speed, force, trust = np.zeros(self._model.nv), state.v, self.force, 1.0
+        nothing = np.zeros(self._model.nv)
+        off, kept, pushed, trust = nothing, nothing, nothing, 1.0
         if self._expected is not None:
             q, v, matrix = self._expected
             missed = self._model.coordinates(state.q) - self._model.coordinates(q)
-            late, stopped = state.v - v, held | self._held
-            off, kept, pushed, trust = _corrections(
-                missed, late, stopped, matrix, self._squares, min(1.0, self._period / WINDOW),
-                self._kept, self._speed, self._push, self._trusted,
-            )  # fmt: skip
-            speed, force = speed - kept, force + pushed
+            stopped = held | self._held
+            if (stopped | (np.abs(missed) < JUMP)).all():  # else it is a new state
+                off, kept, gained, trust = self._corrections(missed, state.v - v, stopped)
+                pushed = np.where(stopped, 0.0, matrix @ gained)
         self._held, self.noisy = held, trust < 0.5 and bool(np.abs(off).max() > SLIGHT)
-        self.force = np.where(held, 0.0, force)
-        return off, speed, self.force
+        self.force = np.where(held, 0.0, self.force + pushed)
+        return off, state.v - kept, self.force
 
-
-@compiled
-def _corrections(
-    missed, late, stopped, matrix, squares, share, keeps, speed_gain, push, trusted
-):  # fmt: skip
-    """How far q, q̇ and d change from the measured ones and the last d, and the mean trust.
-
-    Nothing changes for a new state. The mean squares move by `share`.
-    """
-    n = len(missed)
-    off, kept, pushed = np.zeros(n), np.zeros(n), np.zeros(n)
-    for i in range(n):
-        if not (stopped[i] or abs(missed[i]) < JUMP):
-            return off, kept, pushed, 1.0
-    gained, mean, chance = np.empty(n), 0.0, min(CHANCE * share, 0.5)
-    for i in range(n):
-        squares[0, i] += share * (missed[i] * missed[i] - squares[0, i])
-        squares[1, i] += share * (late[i] * late[i] - squares[1, i])
-        squares[2, i] += share * (missed[i] * late[i] - squares[2, i])
-        both = max(squares[2, i], 0.0)
-        trust = min(both * both / max(squares[0, i] * squares[1, i], 1e-300), 1.0)
-        trust = max(trust - chance, 0.0) / (1 - chance)
-        mean += trust / n
-        gained[i] = trust * trusted * late[i] + (1 - trust) * push * missed[i]
-        if not stopped[i]:
-            off[i] = -(1 - trust) * keeps * missed[i]
-            kept[i] = (1 - trust) * (late[i] - speed_gain * missed[i])
-    for i in range(n):
-        if not stopped[i]:
-            pushed[i] = dot(matrix[i], gained)
-    return off, kept, pushed, mean
+    def _corrections(
+        self, missed: np.ndarray, late: np.ndarray, stopped: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+        """Changes (n,) of q, of q̇ and of a by r_q and r_v, and the mean trust."""
+        share = min(1.0, self._period / WINDOW)
+        means = np.stack((missed * missed, late * late, missed * late))
+        self._squares += share * (means - self._squares)
+        by_q, by_v, both = self._squares
+        both, chance = np.maximum(both, 0.0), min(CHANCE * share, 0.5)
+        trust = np.minimum(both * both / np.maximum(by_q * by_v, 1e-300), 1.0)
+        trust = np.maximum(trust - chance, 0.0) / (1 - chance)
+        doubt = 1 - trust
+        gained = trust * self._trusted * late + doubt * self._push * missed
+        off = np.where(stopped, 0.0, -doubt * self._kept * missed)
+        kept = np.where(stopped, 0.0, doubt * (late - self._speed * missed))
+        return off, kept, gained, float(trust.mean())

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.checks import did_you_mean, instances
+from softdyn.checks import instances, table_of
 from softdyn.description.visuals import BoxShape, SphereShape, Visual
 from softdyn.dynamics.model import State
 from softdyn.exceptions import InputError, errors_in
@@ -76,20 +76,15 @@ class Surroundings:
             For an unknown key, and for all that the fields refuse.
         """
         made: list[Barrier] = []
-        for word, entries in table.items():
-            if word not in KINDS:
-                raise InputError(where, f"tables {', '.join(KINDS)}", did_you_mean(word, KINDS))
+        for word, entries in table_of(where, table, KINDS).items():
             if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
                 raise InputError(where, f"tables [[{word}]]", repr(entries))
             kind = KINDS[word]
             known = [part.name for part in fields(kind)]
             for k, entry in enumerate(entries):
                 with errors_in(f"{where}: [[{word}]] {k + 1}"):
-                    for key in entry:
-                        if key not in known:
-                            raise InputError("key", ", ".join(known), did_you_mean(key, known))
                     whole = issubclass(kind, Obstacle) and "link" not in entry
-                    values = ({"links": EVERY} if whole else {}) | entry
+                    values = ({"links": EVERY} if whole else {}) | table_of("key", entry, known)
                     if values.get("links") == TIP_ALONE:
                         del values["links"]
                     try:

@@ -14,7 +14,6 @@ from softdyn.controllers.predictive.plan import (
     PlanFollower,
     _pose,
     backward,
-    bounded_minimum,
     make_plan,
 )
 from softdyn.controllers.predictive.rest_target import RestTarget
@@ -125,20 +124,6 @@ def test_the_gains_are_those_of_the_dense_solution() -> None:
         commands.append(steps[k] + gains[k] @ x)
         x = A[k] @ x + B[k] @ commands[k] + drift[k]
     np.testing.assert_allclose(commands, expected, atol=1e-9)
-
-
-def test_the_bounded_minimum_is_that_of_least_squares() -> None:
-    rng = np.random.default_rng(1)
-    for _ in range(50):
-        m = int(rng.integers(1, 9))
-        root, g = rng.normal(size=(m + 2, m)), 3 * rng.normal(size=m)
-        lower, upper = -rng.uniform(0, 1, m), rng.uniform(0, 1, m)
-        H = root.T @ root + 0.1 * np.eye(m)
-        L = np.linalg.cholesky(H)
-        expected = lsq_linear(L.T, -np.linalg.solve(L, g), (lower, upper + 1e-12), "bvls").x
-        x, free = bounded_minimum(H, g, lower, upper)
-        np.testing.assert_allclose(x, expected, atol=1e-7)
-        np.testing.assert_allclose((g + H @ x)[free], 0.0, atol=1e-6)
 
 
 def test_a_plan_leads_to_the_shape_of_a_target_that_then_acts(slide) -> None:

@@ -13,6 +13,7 @@ import pytest
 from softdyn import InputError, SetPoint
 from softdyn.commands import run
 from softdyn.controllers import SoftIdClfQp
+from softdyn.controllers.safety_filter import among
 from softdyn.safety import HalfSpace, KeepOutBox, KeepOutSphere, LinkPairs, Surroundings
 from softdyn.validation import Log, Twin, simulate
 from softdyn.validation.loop.log_csv import csv_text
@@ -79,7 +80,7 @@ def test_a_file_is_the_same_as_its_objects_and_its_table() -> None:
 @pytest.mark.parametrize(
     ("table", "said"),
     [
-        ({"ball": []}, "f.toml: expected tables half_space, sphere, box, pairs, got 'ball'"),
+        ({"ball": []}, "f.toml: expected any of half_space, sphere, box, pairs, got 'ball'"),
         ({"box": {"size": 1}}, "f.toml: expected tables [[box]]"),
         ({"sphere": [{"centre": [0, 0, 0]}]}, "f.toml: [[sphere]] 1: radius: expected a value"),
         ({"sphere": [{"centre": [0, 0, 0], "radus": 1}]}, "did you mean 'radius'?"),
@@ -118,10 +119,10 @@ def test_a_run_keeps_clear_and_its_log_has_the_reserve(tmp_path: Path) -> None:
     wall = Surroundings([HalfSpace([0, 0, 1], -0.1, links="all", name="floor")])
     goal = SetPoint([0.127, 0, -0.127])
     least = {}
-    for barriers in ((), wall.barriers):
-        law = SoftIdClfQp.among(barriers, model)
+    for around in (Surroundings(()), wall):
+        law = among(SoftIdClfQp, around)(model)
         log = simulate(model, law, goal, duration=0.8, period=0.005, surroundings=wall)
-        least[len(barriers)] = log.least_reserve["floor"]
+        least[len(around.barriers)] = log.least_reserve["floor"]
     assert least[0] < -0.02
     assert 0 < least[1] < 0.005
     assert "least reserve  floor" in log.summary()

@@ -12,7 +12,7 @@ import numpy as np
 
 from softdyn import InputError, SoftModel, State
 from softdyn.actuation import Winches
-from softdyn.checks import did_you_mean, instance, instances, number, whole
+from softdyn.checks import instance, instances, number, table_of, whole
 from softdyn.copies import Separate
 from softdyn.description.rig import LONGEST_DELAY, SMALLEST_WINCH, CommandKind, Sensor
 from softdyn.description.robot import MOST_FRICTION, Robot, Tendon
@@ -112,10 +112,11 @@ class Rig:
         InputError
             An unknown key, and whatever the fields refuse.
         """
-        return cls(
-            **_known(cls, table)
-            | {"plant": PlantErrors(**_known(PlantErrors, table.get("plant", {}), "plant."))}
-        )
+        own = [part.name for part in fields(cls) if part.name != "sensors"]
+        values = table_of("rig", table, own)
+        names = [part.name for part in fields(PlantErrors)]
+        plant = PlantErrors(**table_of("rig.plant", values.pop("plant", {}), names))
+        return cls(**values, plant=plant)
 
     def robot(self, robot: Robot) -> Robot:
         """The robot with this rig.
@@ -149,16 +150,6 @@ class Rig:
             replace(tendon, friction=(self.friction or 0.0) if tendon.name in driven else 0.0)
             for tendon in robot.tendons
         )
-
-
-def _known(cls: type, table: Any, prefix: str = "") -> dict[str, Any]:
-    names = [part.name for part in fields(cls) if part.name not in ("sensors", "shapes")]
-    if not isinstance(table, Mapping):
-        raise InputError(prefix.rstrip("."), "a table", repr(table))
-    for key in table:
-        if key not in names:
-            raise InputError(prefix + str(key), ", ".join(names), did_you_mean(str(key), names))
-    return dict(table)
 
 
 class _Errors:
