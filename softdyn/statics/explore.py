@@ -10,11 +10,12 @@ import numpy as np
 from softdyn.checks import array, whole
 from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel, check_model
+from softdyn.dynamics.stops import Stops
 from softdyn.statics.branch import approach, input_scale
 from softdyn.statics.equilibria import balance, rest
 from softdyn.statics.equilibrium import Equilibrium, StaticsError
 from softdyn.statics.samples import balancing_input
-from softdyn.statics.stops import SoftStops, locked_inputs, locked_joints
+from softdyn.statics.stops import SoftStops, locked_inputs
 
 STAGES = (1.0, 0.1, 0.03, 0.01, 0.0)  # weights of the tip's error, relative to the forces
 SOFTNESS = (1e-2, 1e-3, 1e-4)  # softness of the stops over a joint's force times its range
@@ -93,7 +94,7 @@ class TipProblem:
     def build(cls, model: SoftModel, target: np.ndarray) -> TipProblem:
         """The problem of a robot, with scales from its equilibrium `rest`."""
         start = rest(model)
-        locked = locked_joints(model.lower, model.upper)
+        locked = Stops.of(model).locked
         span = np.where(locked, 1.0, np.minimum(model.upper - model.lower, 1.0))
         force = np.abs(np.diag(start.stiffness)) * span
         inputs = input_scale(model, start)
@@ -174,7 +175,7 @@ class TipProblem:
         model = self.model
         at, near = model.coordinates(q), 0.1 * self.scale[: model.nv]
         there = (at < model.lower + near) | (at > model.upper - near)
-        return bool((there & ~locked_joints(model.lower, model.upper)).any())
+        return bool((there & ~Stops.of(model).locked).any())
 
     def to_stops(self, coordinates: np.ndarray) -> np.ndarray:
         """Move a joint to its limit if only the soft stop keeps it away."""

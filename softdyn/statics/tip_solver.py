@@ -11,11 +11,11 @@ import numpy as np
 from softdyn.checks import array
 from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import State
+from softdyn.dynamics.stops import Stops
 from softdyn.statics.branch import REACHED
 from softdyn.statics.equilibria import balance
 from softdyn.statics.equilibrium import Equilibrium, StaticsError
 from softdyn.statics.explore import TipProblem
-from softdyn.statics.stops import locked_joints
 
 ITERATIONS = 40
 LARGEST_STEP = 0.5  # of a joint's scale in one iteration
@@ -43,7 +43,7 @@ def solve_at_tip(problem: TipProblem, q: np.ndarray, u: np.ndarray) -> Equilibri
     """
     model, n = problem.model, problem.model.nv
     size = np.concatenate((problem.force, np.full(3, problem.length)))
-    locked = locked_joints(model.lower, model.upper)
+    locked = Stops.of(model).locked
     joints = problem.free < n
 
     def residual(x: np.ndarray) -> tuple[np.ndarray, State]:
