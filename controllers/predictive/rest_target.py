@@ -16,9 +16,8 @@ from softdyn import Reference, SoftModel, statics
 from softdyn.controllers.predictive.background import Job
 from softdyn.controllers.predictive.buckling import buckling_input
 from softdyn.statics import Equilibrium, StaticsError
-from softdyn.statics.explore import TipProblem
 from softdyn.statics.task_search import SECONDS
-from softdyn.statics.tip_solver import solve_at_tip
+from softdyn.statics.unknown_inputs import TargetProblem, balance_at
 from softdyn.tasks.task import Task
 
 WITHIN = 5e-3  # m: equilibria whose tips are this close to the reference count as equally near
@@ -223,10 +222,10 @@ def _folded(model: SoftModel, plain: Equilibrium, y: np.ndarray) -> list[Equilib
     least = buckling_input(model)
     if least is None:
         return found
-    problem = TipProblem.build(model, y)
+    problem = TargetProblem.for_tip(model, y)
     for q, u in folded(model, plain.q, least):
         with suppress(StaticsError, np.linalg.LinAlgError):
-            one = solve_at_tip(problem, q, u)
+            one = balance_at(problem, q, u)
             apart = (np.abs(model.coordinates(one.q) - model.coordinates(o.q)) for o in found)
             if all(far.max() > SAME for far in apart):
                 found.append(one)

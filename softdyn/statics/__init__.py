@@ -28,10 +28,8 @@ branch
     `approach`: follows a branch of equilibria until the tip is near a point.
 friction
     Rests after a stated motion, and along a slow path, of robots whose cables rub.
-explore
-    Finds equilibria with the tip near a point, from arbitrary shapes.
-tip_solver
-    Solves for an equilibrium with the tip at a point, in milliseconds, from a shape near it.
+unknown_inputs
+    Equilibria at or near a target, from arbitrary shapes, with unknown inputs.
 samples
     Random inputs and shapes, and stable equilibria from them.
 reachable
@@ -53,7 +51,6 @@ from softdyn.statics.branch import approach
 from softdyn.statics.diagnosis import Diagnosis, diagnose
 from softdyn.statics.equilibria import balance, ramp, rest, settle
 from softdyn.statics.equilibrium import Equilibrium, StaticsError, potential, residual
-from softdyn.statics.explore import explore
 from softdyn.statics.friction import StuckRest, follow, rest_after, rest_interval
 from softdyn.statics.reachable import (
     Loop,
@@ -66,6 +63,7 @@ from softdyn.statics.samples import random_inputs, random_shapes, sample_between
 from softdyn.statics.stops import HardStops, SoftStops
 from softdyn.statics.task_search import TaskSearch, inputs_for_tasks
 from softdyn.statics.tip_search import TipSearch, inputs_for_tip
+from softdyn.statics.unknown_inputs import explore
 from softdyn.statics.zero_dynamics import zero_spectrum
 
 __all__ = [

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from softdyn.checks import instances, number, whole
-from softdyn.dynamics.model import SoftModel, check_model
+from softdyn.dynamics.model import SoftModel, State, check_model
 from softdyn.exceptions import InputError
 from softdyn.references import Reference
 from softdyn.statics.branch import REACHED, descend, input_scale
@@ -56,11 +56,11 @@ class TaskSearch(RankedEquilibria):
             for task in self.tasks
         }
 
-    def measure(self, equilibrium: Equilibrium) -> tuple[np.ndarray, np.ndarray]:
-        """The weighted errors (r,) of all tasks, and their Jacobian (r, nv)."""
+    def measure(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """The weighted errors (r,) of all tasks in a state, and their Jacobian (r, nv)."""
         parts = []
         for task in self.tasks:
-            error, _, jacobian, _ = task(equilibrium.state, self.reference)
+            error, _, jacobian, _ = task(state, self.reference)
             root = np.sqrt(np.broadcast_to(task.weight, error.shape))
             parts.append((root * error, root[:, None] * jacobian))
         errors, jacobians = zip(*parts, strict=True)
@@ -68,7 +68,7 @@ class TaskSearch(RankedEquilibria):
 
     def distance(self, equilibrium: Equilibrium) -> float:
         """The weighted error (Σ w ‖e‖²)^½ of an equilibrium."""
-        return float(np.linalg.norm(self.measure(equilibrium)[0]))
+        return float(np.linalg.norm(self.measure(equilibrium.state)[0]))
 
 
 def inputs_for_tasks(
@@ -125,7 +125,7 @@ def inputs_for_tasks(
         raise InputError(str(model.robot.path), "a robot with an <actuator>", "one without inputs")
     search = TaskSearch(chosen, reference, ())
     known = [rest(model), *instances("starts", starts, Equilibrium, "an Equilibrium")]
-    search.measure(known[0])  # a missing target is an error before the samples cost time
+    search.measure(known[0].state)  # a missing target is an error before the samples cost time
     samples = _samples(model, whole("rays", rays), whole("seed", seed), latest)
     sampled = sorted(samples, key=search.distance)
     ends = list[Equilibrium]()

@@ -24,8 +24,8 @@ from softdyn.exceptions import InputError
 from softdyn.statics.branch import REACHED, approach
 from softdyn.statics.equilibria import balance, move, rest, settle
 from softdyn.statics.equilibrium import Equilibrium, RankedEquilibria, StaticsError
-from softdyn.statics.explore import explore
 from softdyn.statics.samples import random_shapes
+from softdyn.statics.unknown_inputs import explore
 
 SECONDS = 60.0  # the usual limit of a search
 SAME = 1e-3  # equilibria whose joints are this close count as one (rad, m)
