@@ -192,7 +192,7 @@ MISUSES = [
     ({"more": "[gains]\nKp = {uniform = [-1, 1]}\n[samples]\ncount = 2"},
      "gains.Kp: expected a positive number, got -1"),
     ({"more": "[gains]\nKp = {uniform = [1, 2], count = 3}\n[samples]\ncount = 2"},
-     "gains.Kp.count: expected one of uniform, got an unknown key"),
+     "gains.Kp.count: expected one of uniform, got 'count'"),
     ({"more": "[samples]\ncount = 2"}, "samples: expected a parameter with uniform or log_uniform"),
     ({"more": "[samples]\nseed = 2"}, "samples.count: expected a whole number from 1"),
     ({"more": "[samples]\ncount = 2\nseed = -1"}, "samples.seed: expected a whole number from 0"),
