@@ -111,7 +111,7 @@ def test_a_misspelt_option_is_named_with_the_nearest(line, said, capsys):
 
 def test_a_word_too_many_is_named_with_the_option_before_it(capsys):
     with pytest.raises(SystemExit) as stop:
-        main("run finger best --targets 0.1 0 -0.2".split())
+        main(["run", "finger", "best", "--targets", "0.1", "0", "-0.2"])
     assert stop.value.code == 2
     meant = "(after --targets; did you mean --target?)"
     assert capsys.readouterr().err == f"error: unrecognized arguments: 0 -0.2 {meant}\n"

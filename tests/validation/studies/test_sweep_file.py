@@ -172,7 +172,7 @@ MISUSES = [
     ({"more": "[gains]\nkp = 1"}, "gains.kp: expected one of Kp, eps"),
     ({"more": "[gains]\nKp = -1"}, "gains.Kp: expected a positive number, got -1"),
     ({"more": "[gains]\nKp = true"}, "gains.Kp: expected a positive number, got True"),
-    ({"more": '[gains]\nKp = "big"'}, "gains.Kp: expected a positive number, got big"),
+    ({"more": '[gains]\nKp = "big"'}, "gains.Kp: expected a positive number, got 'big'"),
     ({"more": "[gains]\nKp = []"}, "gains.Kp: expected at least one value, got []"),
     ({"more": "[gains]\nKp = [1, 1.0]"}, "gains.Kp: expected distinct values, got [1, 1.0]"),
     ({"more": "[gains]\nKp = {from = 1, to = 2}"}, "gains.Kp: expected a range {from, to, count}"),
