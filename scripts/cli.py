@@ -197,28 +197,35 @@ def load_robot(arguments: Arguments) -> SoftModel:
 
 def warn_of_no_use(robot: Robot, arguments: Arguments) -> None:
     """Warn of each option that concerns what the robot does not have."""
+    options, missing = vars(arguments), lacks(robot)
+    if options.get("rig") not in (None, "file"):
+        missing.pop("rig", None)
+    for name, reason in missing.items():
+        if options.get(name):
+            warn_useless(f"{robot.path}: --{name.replace('_', '-')}", reason)
+
+
+def lacks(robot: Robot) -> dict[str, str]:
+    """Options that this robot has no use for, and the reasons."""
     from softdyn.dynamics.text import rig_lines
 
-    options = vars(arguments)
-    rubbing = [tendon for tendon in robot.tendons if tendon.friction]
+    rubbing = any(tendon.friction for tendon in robot.tendons)
     solid = [link for link in robot.links if any("<collision" in look for look in link.looks)]
-    for name, there, reason in (
-        ("repair_inertia", robot.mended, "no link has an impossible inertia"),
-        ("contacts", len(solid) > 1, "fewer than two links have collision shapes"),
+    found = (
+        (robot.mended, "repair_inertia", "no link has an impossible inertia"),
+        (len(solid) > 1, "contacts", "fewer than two links have collision shapes"),
         (
-            "friction",
             rubbing or any(joint.friction for joint in robot.joints),
+            "friction",
             "no joint or cable has friction",
         ),
         (
+            rubbing or any(rig_lines(robot)),
             "rig",
-            options.get("rig") != "file" or rubbing or any(rig_lines(robot)),
             "the file states no lag, delay, winch, sensor or friction of cables",
         ),
-    ):
-        if options.get(name) and not there:
-            option = f"--{name.replace('_', '-')}"
-            warn_useless(f"{robot.path}: {option}", reason)
+    )
+    return {name: reason for there, name, reason in found if not there}
 
 
 def best_note(model: SoftModel, name: str, gains: str | None) -> str:

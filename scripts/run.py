@@ -174,7 +174,7 @@ def command(arguments: cli.Arguments) -> int:
         from softdyn.validation.loop.certificate import TrueRate, certified
 
         TrueRate(controller)  # it may refuse the controller
-    rig, observer, shown = make_rig(arguments.rig), None, None
+    rig, observer, shown = make_rig(arguments.rig, model), None, None
     if arguments.observer is not None:
         from softdyn.validation.loop.observation import make_observer
 
@@ -325,11 +325,28 @@ def make_plant(model: SoftModel, arguments: cli.Arguments) -> Scene | None:
     return plant
 
 
-def make_rig(said: str | None) -> Any:
-    """The rig of the robot's file, or with what a TOML file changes."""
+def make_rig(said: str | None, model: SoftModel) -> Any:
+    """The rig of the robot's file, or with what a TOML file changes.
+
+    A warning names each key that this robot has no use for.
+    """
     from softdyn.validation.twin.rig import FROM_FILE, Rig
 
-    return said if said in (None, FROM_FILE) else Rig.of(cli.read_toml(said))
+    if said in (None, FROM_FILE):
+        return said
+    rig = Rig.of(cli.read_toml(said))
+    robot = rig.robot(model.robot)
+    missing = cli.lacks(robot)
+    wound = any(actuator.is_winch for actuator in robot.actuators)
+    for key, given, there, reason in (
+        ("stiffness", rig.stiffness is not None, wound, "no motor winds a cable"),
+        ("damping", rig.damping is not None, wound, "no motor winds a cable"),
+        ("plant.contacts", rig.plant.contacts, "contacts" not in missing, missing.get("contacts")),
+        ("plant.friction", rig.plant.friction, "friction" not in missing, missing.get("friction")),
+    ):
+        if given and not there:
+            cli.warn_useless(f"{said}: {key}", str(reason))
+    return rig
 
 
 def make_surroundings(file: str | None) -> Surroundings | None:

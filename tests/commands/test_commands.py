@@ -186,6 +186,20 @@ def test_an_option_that_changes_nothing_says_so(tmp_path, words, option, reason)
     assert len([one for one in told if "changes nothing" in str(one.message)]) == 1
 
 
+def test_keys_of_a_rig_that_change_nothing_say_so(tmp_path):
+    (tmp_path / "arm.urdf").write_text(preloaded.text())
+    (tmp_path / "rig.toml").write_text(
+        "stiffness = 500\nlag = 0.01\n[plant]\nfriction = true\ncontacts = true\n"
+    )
+    words = ("arm.urdf", "--rig", "rig.toml", "--seconds", "0.01")
+    with pytest.warns(UserWarning, match="changes nothing") as told:
+        done = command("rollout", *words, cwd=tmp_path)
+    assert done.code == 0, done.err
+    assert [str(one.message).partition(" changes")[0] for one in told] == [
+        f"rig.toml: {key}" for key in ("stiffness", "plant.contacts", "plant.friction")
+    ]
+
+
 def test_an_option_with_a_use_says_nothing(tmp_path, recwarn):
     file = tmp_path / "arm.urdf"
     file.write_text(preloaded.text())
