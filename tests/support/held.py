@@ -123,7 +123,6 @@ def objects(uses: Uses) -> list[tuple[Any, Callable[[Any], list[Any]]]]:
     turns = tasks.Turns([0, 1], [np.eye(3)] * 2)
     kinematics, sensors = tasks.LinkKinematics(model), Sensors(observed)
     stop = statics.HardStops.of(model)
-    t, rows = 0.005 * np.arange(3), np.tile(uses.readings, (3, 1))
     estimates = uses.estimate(estimation.Ekf(observed, disturbances=("tip_force",)))
     finger = design.FingerTendon((1,), (0.01,), 10.0)
     data = [
@@ -143,7 +142,6 @@ def objects(uses: Uses) -> list[tuple[Any, Callable[[Any], list[Any]]]]:
         estimation.EkfParameters(), ekf.counts, estimates[-1],
         estimation.observe(rest, observed.robot.sensors, seconds=0.01),
         recorded(observed, uses.readings),
-        estimation.find_touch(observed, t, rows, np.tile(PUSH, (3, 1))),
         # safety, sensing, actuation
         safety.Surroundings(walls[:2]), *observed.robot.sensors, sensors.components,
         sensors.measure(observed.state(state.q, state.v), PUSH), Capstan(model, 0.1).at(state),
@@ -165,7 +163,6 @@ def objects(uses: Uses) -> list[tuple[Any, Callable[[Any], list[Any]]]]:
     return [
         *((one, uses.look) for one in data),
         *((make(model), uses.control) for make in LAWS.values()),
-        (controllers.Certified(CONTROLLERS["id-clf-qp"](model)), uses.control),
         (controllers.Compensated(CONTROLLERS["ic"](model), model, delay=0.02), uses.control),
         (controllers.SafetyFilter(CONTROLLERS["ic"](model), model, walls[:2]), uses.control),
         (CONTROLLERS["soft-id-clf-qp"](model, tasks=point), uses.control),
