@@ -13,7 +13,9 @@ The report describes joints, springs, tendons and inputs. It says how many direc
 move, and at which poses there are fewer. It says whether stiffness dominates gravity in the
 directions that no input moves (the paper's sufficient condition for stable zero dynamics), and at
 which pose this fails. It warns of numbers that are legal but look wrong. The poses are q = 0, all
-joints at either limit, and --samples random ones.
+joints at either limit, and --samples random ones. A mimic joint counts with its leader. A floating
+base (--floating) is held at its pose in the file. Elements of other tools that are ignored are
+listed.
 
 exit codes: 0 no number looks wrong; 1 some numbers look wrong; 2 bad input.
 """

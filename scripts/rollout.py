@@ -39,7 +39,9 @@ parser.add_argument(
     help="MuJoCo's scheme (default: implicitfast)",
 )  # fmt: skip
 parser.add_argument("--contacts", action="store_true", help="let the links touch")
-parser.add_argument("--friction", action="store_true", help="with the file's dry friction")
+parser.add_argument(
+    "--friction", action="store_true", help="with the file's dry friction of joints, and of cables"
+)
 parser.add_argument(
     "--rig", nargs="?", const="file", metavar="FILE",
     help="with the rig of the robot's file; FILE changes it, as for run",
@@ -56,6 +58,7 @@ SECONDS = 3.0
 def command(arguments: cli.Arguments) -> int:
     """Read the inputs, run and report."""
     import time
+    import warnings
     from pathlib import Path
 
     import numpy as np
@@ -84,12 +87,19 @@ def command(arguments: cli.Arguments) -> int:
     if logs_to:
         cli.make_folder(Path(arguments.out))
         cli.check_outputs(parser, arguments, *logs_to)
+    rubs = any(joint.friction for joint in model.robot.joints)
+    rubs = rubs or any(tendon.friction for tendon in model.robot.tendons)
+    if arguments.friction and not rubs:
+        warnings.warn(
+            f"{model.robot.path}: --friction changes nothing: no joint or cable has friction",
+            stacklevel=1,
+        )
     began = time.perf_counter()
     with cli.saved_in_errors(arguments.log):
         logs = rollouts(
             model, batch, seconds, hold=hold, period=arguments.period, timestep=arguments.timestep,
             integrator=arguments.integrator, q0=arguments.q0, contacts=arguments.contacts,
-            friction=arguments.friction, rig=make_rig(arguments.rig),
+            friction=arguments.friction, rig=make_rig(arguments.rig, model),
         )  # fmt: skip
     wall = time.perf_counter() - began
     for log, path in zip(logs, logs_to, strict=False):

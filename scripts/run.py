@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
@@ -90,6 +91,13 @@ goal.add_argument(
 )
 parser.add_argument("--duration", type=cli.positive, metavar="S", help="length of the run in s")
 parser.add_argument(
+    "--q0",
+    type=cli.finite,
+    nargs="+",
+    metavar="Q",
+    help="initial joint positions, within their limits",
+)
+parser.add_argument(
     "--period",
     type=cli.positive,
     metavar="S",
@@ -166,7 +174,7 @@ def command(arguments: cli.Arguments) -> int:
         from softdyn.validation.loop.certificate import TrueRate, certified
 
         TrueRate(controller)  # it may refuse the controller
-    rig, observer, shown = make_rig(arguments.rig), None, None
+    rig, observer, shown = make_rig(arguments.rig, model), None, None
     if arguments.observer is not None:
         from softdyn.validation.loop.observation import make_observer
 
@@ -178,6 +186,7 @@ def command(arguments: cli.Arguments) -> int:
             experiment,
             duration=arguments.duration,
             period=arguments.period,
+            q0=arguments.q0,
             contacts=arguments.contacts,
             plant=plant,
             rig=rig,
@@ -316,10 +325,22 @@ def make_plant(model: SoftModel, arguments: cli.Arguments) -> Scene | None:
     return plant
 
 
-def make_rig(said: str | None) -> Any:
-    """The rig of the robot's file, or with what a TOML file changes."""
+def make_rig(said: str | None, model: SoftModel) -> Any:
+    """The rig of the robot's file, or with what a TOML file changes.
+
+    A warning says that the file states none.
+    """
+    from softdyn.dynamics.text import rig_lines
     from softdyn.validation.twin.rig import FROM_FILE, Rig
 
+    robot = model.robot
+    rubs = any(tendon.friction for tendon in robot.tendons)
+    if said == FROM_FILE and not rubs and not any(rig_lines(robot)):
+        warnings.warn(
+            f"{robot.path}: --rig changes nothing: the file states no lag, delay, winch, sensor or "
+            "friction of cables",
+            stacklevel=2,
+        )
     return said if said in (None, FROM_FILE) else Rig.of(cli.read_toml(said))
 
 

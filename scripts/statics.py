@@ -48,9 +48,9 @@ goal.add_argument(
 goal.add_argument(
     "--inputs",
     type=cli.finite,
-    nargs="+",
+    nargs="*",
     metavar="U",
-    help="find the equilibrium under these inputs",
+    help="find the equilibrium under these inputs; a robot without inputs needs no number",
 )
 goal.add_argument(
     "--pose",
@@ -101,7 +101,11 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.cell is not None and arguments.axis is None:
         parser.error("argument --cell: only with --axis")
     model = cli.load_robot(arguments)
-    answer = lead if arguments.inputs else search if arguments.pose is None else hold_pose
+    goals = (arguments.theta, arguments.target, arguments.inputs, arguments.pose, arguments.axis)
+    if model.nu == 0 and all(one is None for one in goals):
+        arguments.inputs = []
+    led = arguments.inputs is not None
+    answer = lead if led else search if arguments.pose is None else hold_pose
     answer = rub if arguments.friction else answer if arguments.axis is None else directions
     report, text = answer(model, arguments)
     cli.write_report(report, arguments.json, text)

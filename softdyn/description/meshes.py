@@ -15,6 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from softdyn.description import strict_xml
+from softdyn.exceptions import UrdfError
+
 FORMATS = ("stl", "dae", "obj")
 MAX_BYTES = 64 * 2**20
 MAX_MATERIALS = 2**20  # bytes of one material library
@@ -55,8 +58,9 @@ def locate(urdf: Path, reference: str) -> Path:
     urdf : Path
         The robot's file.
     reference : str
-        A path relative to it, or ``package://NAME/path``. NAME is a folder above the URDF with a
-        ``package.xml``. Without such a folder, NAME is the URDF's own folder or the one above it.
+        A path relative to it, or ``package://NAME/path``. NAME is what the ``package.xml`` of a
+        folder above the URDF states as ``<name>``, or else the name of such a folder. Without one,
+        NAME is the URDF's own folder or the one above it.
 
     Raises
     ------
@@ -68,17 +72,7 @@ def locate(urdf: Path, reference: str) -> Path:
     scheme, _, path = reference.rpartition("://")
     if scheme == "package":
         name, _, path = path.lstrip("/").partition("/")  # some write three slashes
-        above = (folder, *folder.parents)
-        packages = (
-            f for i, f in enumerate(above)
-            if name and f.name == name and (i < 2 or (f / "package.xml").is_file())
-        )  # fmt: skip
-        base = root = next(packages, None)
-        if base is None or root is None:
-            expected = f"a folder {name!r} with a package.xml above {folder}"
-            raise MeshError(
-                f"expected {expected}, or {folder} or its parent of that name, got none"
-            )
+        base = root = _package(folder, name)
     elif scheme:
         raise MeshError(f"expected package:// or a relative path, got {reference!r}")
     else:
@@ -95,6 +89,30 @@ def locate(urdf: Path, reference: str) -> Path:
     except (OSError, ValueError) as error:  # a name that no system accepts
         raise MeshError(f"expected a mesh file, got {reference!r}: {error}") from None
     return found
+
+
+def _package(folder: Path, name: str) -> Path:
+    """The package of that name above a URDF's folder; a downloaded archive has another folder."""
+    above = (folder, *folder.parents)
+    packages = [f for f in above if (f / "package.xml").is_file()]
+    found = [f for f in packages if name and _stated_name(f / "package.xml") == name]
+    found += [f for f in above if name and f.name == name and (f in above[:2] or f in packages)]
+    if not found:
+        said = [f"{_stated_name(f / 'package.xml')!r} of {f}" for f in packages]
+        raise MeshError(
+            f"expected a folder above {folder} with a package.xml that states <name>{name}</name>, "
+            f"or a package, {folder} or its parent of that name, got {', '.join(said) or 'none'}"
+        )
+    return found[0]
+
+
+def _stated_name(package: Path) -> str | None:
+    """The ``<name>`` in a ``package.xml``; None if it has none or cannot be read."""
+    try:
+        name = strict_xml.read(package).node.findtext("name")
+    except UrdfError:
+        return None
+    return None if name is None else name.strip()
 
 
 def read(path: Path) -> tuple[Mesh, ...]:

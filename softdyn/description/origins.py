@@ -7,7 +7,6 @@ from copy import deepcopy
 
 import numpy as np
 from lxml import etree
-from scipy.spatial.transform import Rotation
 
 from softdyn.description.inertia import IDENTITY, ZERO, Origin, Vector
 from softdyn.description.strict_xml import Element
@@ -93,6 +92,8 @@ def set_rpy(copy: etree._Element, element: Element) -> None:
 
 def _roll_pitch_yaw(quaternion: list[float]) -> Vector:
     """Exact to rounding, also at 90° of pitch, where the file's yaw and roll are not unique."""
+    from scipy.spatial.transform import Rotation  # slow to import, and few files need it
+
     R = Rotation.from_quat(quaternion).as_matrix()
     yaw = math.atan2(R[1, 0], R[0, 0])
     cos, sin = math.cos(yaw), math.sin(yaw)

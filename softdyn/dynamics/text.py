@@ -53,8 +53,11 @@ def joint_lines(robot: Robot) -> Iterator[str]:
         values = [value for joint in joints if (value := getattr(joint, key)) > 0]
         yield f"  {len(values)} with a {part}{_range(values)}"
     for j in joints if len(joints) <= LISTED else ():
+        span = f"[{j.lower:.4g}, {j.upper:.4g}]"
+        if (mimic := j.mimic) is not None:
+            span = f"= {mimic.multiplier:g} {mimic.leader} {mimic.offset:+g}"
         yield (
-            f"  {j.name:<22} {j.kind:<11}[{j.lower:.4g}, {j.upper:.4g}]  "
+            f"  {j.name:<22} {j.kind:<11}{span}  "
             f"stiffness {j.stiffness:g} at {j.rest:g}, damping {j.damping:g}"
         )
 

@@ -8,15 +8,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from softdyn.dynamics.mimic import build
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.text import head, joint_lines, numbers, rig_lines
-from softdyn.exceptions import InputError, SoftdynError
+from softdyn.exceptions import SoftdynError, UrdfError
 from softdyn.statics.equilibria import rest
 from softdyn.statics.equilibrium import Equilibrium
 from softdyn.statics.suspicious_values import fast_springs, suspicious_shapes, suspicious_values
@@ -34,8 +35,11 @@ class Diagnosis:
     ----------
     model : SoftModel
         The robot.
+    held : SoftModel or None
+        The same robot with its base held, which poses and equilibrium belong to; `model` itself if
+        its base is fixed. None if no joint moves while the base is held.
     poses : tuple of Pose
-        All examined poses, q = 0 first.
+        All examined poses, q = 0 first; none without `held`.
     boundary : tuple of float and Pose, or None
         The point on the way from q = 0 to the weakest pose at which gravity starts to win: its
         share of the way, and the pose there.
@@ -48,6 +52,7 @@ class Diagnosis:
     """
 
     model: SoftModel
+    held: SoftModel | None
     poses: tuple[Pose, ...]
     boundary: tuple[float, Pose] | None
     equilibrium: Equilibrium | None
@@ -62,7 +67,7 @@ class Diagnosis:
     @cached_property
     def rank(self) -> int:
         """The largest rank of B."""
-        return max(pose.rank for pose in self.poses)
+        return max((pose.rank for pose in self.poses), default=0)
 
     @property
     def rank_drops(self) -> list[Pose]:
@@ -82,24 +87,16 @@ class Diagnosis:
     @property
     def softest(self) -> dict[str, float]:
         """The unactuated direction of least stiffness at q = 0: each joint's part, if not small."""
-        pairs = zip(self.model.joint_names, self.rest.softest.tolist(), strict=True)
-        return {name: share for name, share in pairs if abs(share) > 0.05}
+        return {name: x for name, x in self._by_joint(self.rest.softest).items() if abs(x) > 0.05}
+
+    def _by_joint(self, values: np.ndarray) -> dict[str, float]:
+        names = () if self.held is None else self.held.joint_names
+        return dict(zip(names, values.tolist(), strict=True))
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data."""
-        model, robot, rest = self.model, self.model.robot, self.rest
-
-        def at(pose: Pose) -> dict[str, float]:
-            return dict(zip(model.joint_names, pose.coordinates.tolist(), strict=True))
-
-        def place(pose: Pose) -> dict[str, Any]:
-            return {"pose": pose.name, "rank": pose.rank, "coordinates": at(pose)}
-
-        ceases = None
-        if self.boundary is not None:
-            share, pose = self.boundary
-            ceases = {"towards": pose.name, "share": share, "coordinates": at(pose)}
-        return {
+        model, robot = self.model, self.model.robot
+        found: dict[str, Any] = {
             "robot": model.name,
             "file": str(robot.path),
             "links": len(robot.links),
@@ -111,23 +108,39 @@ class Diagnosis:
             "joints": [{key: getattr(j, key) for key in JOINT} for j in robot.moving_joints],
             "tendons": list(self._tendons()),
             "inputs": [{key: getattr(a, key) for key in INPUT} for a in robot.actuators],
+            "floating": robot.floating,
             "poses": len(self.poses),
-            "rank_at_rest": rest.rank,
             "rank": self.rank,
-            "rank_drops_at": [place(pose) for pose in self.rank_drops],
             "unactuated": model.nv - self.rank,
-            "softest_unactuated": self.softest,
-            "stiffness_at_rest": rest.least,
-            "gravity_at_rest": rest.gravity.max() if len(rest.gravity) else None,
-            "dominates_at_rest": rest.dominates,
-            "poses_where_gravity_wins": len(self.gravity_wins),
-            "weakest": place(self.weakest) | {"stiffness": self.weakest.least},
-            "ceases": ceases,
             "equilibrium": self._equilibrium(),
             "warnings": list(self.warnings),
             "doubts": list(self.doubts),
             "ignored": list(robot.ignored),
         }
+        return found | (self._of_poses() if self.poses else {})
+
+    def _of_poses(self) -> dict[str, Any]:
+        """Rank and stiffness at the poses as plain data."""
+        rest, ceases = self.rest, None
+        if self.boundary is not None:
+            share, pose = self.boundary
+            where = self._by_joint(pose.coordinates)
+            ceases = {"towards": pose.name, "share": share, "coordinates": where}
+        return {
+            "rank_at_rest": rest.rank,
+            "rank_drops_at": [self._place(pose) for pose in self.rank_drops],
+            "softest_unactuated": self.softest,
+            "stiffness_at_rest": rest.least,
+            "gravity_at_rest": rest.gravity.max() if len(rest.gravity) else None,
+            "dominates_at_rest": rest.dominates,
+            "poses_where_gravity_wins": len(self.gravity_wins),
+            "weakest": self._place(self.weakest) | {"stiffness": self.weakest.least},
+            "ceases": ceases,
+        }
+
+    def _place(self, pose: Pose) -> dict[str, Any]:
+        where = self._by_joint(pose.coordinates)
+        return {"pose": pose.name, "rank": pose.rank, "coordinates": where}
 
     def _equilibrium(self) -> dict[str, Any] | None:
         found = self.equilibrium
@@ -157,14 +170,29 @@ class Diagnosis:
             head(self.model),
             "", *joint_lines(self.model.robot),
             "", *self._tendon_lines(), *rig_lines(self.model.robot),
-            "", *self._actuation_lines(),
-            "", *self._stability_lines(),
-            "", self._equilibrium_line(),
+            "", *self._static_lines(),
             *(f"ignored: {', '.join(found)}" for found in [self.model.robot.ignored] if found),
             *(f"warning: {text}" for text in self.warnings),
             "", *(f"doubtful: {text}" for text in self.doubts),
             f"looks wrong in {count} ways" if count else well,
         ))  # fmt: skip
+
+    def _static_lines(self) -> Iterator[str]:
+        robot = self.model.robot
+        if robot.floating:
+            parts = "poses and equilibrium" if self.poses else "no joint moves then, so no poses"
+            yield f"a floating base: checked with the base held at its pose in the file: {parts}"
+            yield (
+                "  not checked: the free base, which rests nowhere without contacts; "
+                f"`softdyn crosscheck {robot.path} --floating` compares its motion in two engines"
+            )
+            yield ""
+        if self.poses:
+            yield from self._actuation_lines()
+            yield ""
+            yield from self._stability_lines()
+            yield ""
+            yield self._equilibrium_line()
 
     def _equilibrium_line(self) -> str:
         found = self.equilibrium
@@ -187,10 +215,10 @@ class Diagnosis:
             )
 
     def _actuation_lines(self) -> Iterator[str]:
-        model, drops = self.model, self.rank_drops
+        nu, nv, drops = self.model.nu, len(self.rest.coordinates), self.rank_drops
         yield (
-            f"actuation: {model.nu} inputs move {self.rank} of {model.nv} directions, "
-            f"springs and gravity have the other {model.nv - self.rank}"
+            f"actuation: {nu} inputs move {self.rank} of {nv} directions, "
+            f"springs and gravity have the other {nv - self.rank}"
         )
         if drops:
             some = ", ".join(f"{pose.name} (rank {pose.rank})" for pose in drops[:3])
@@ -200,7 +228,7 @@ class Diagnosis:
 
     def _stability_lines(self) -> Iterator[str]:
         yield "stiffness against gravity, where no input acts:"
-        if self.rank == self.model.nv and not self.rank_drops:
+        if self.rank == len(self.rest.coordinates) and not self.rank_drops:
             yield "  every direction has an input"
             return
         rest = self.rest
@@ -227,7 +255,7 @@ def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:
     Parameters
     ----------
     model : SoftModel
-        A model with a fixed base and without mimic joints.
+        The robot. A floating base is held at its pose in the file.
     samples : int
         Number of random poses, besides q = 0 and all joints at either limit.
     seed : int
@@ -235,25 +263,28 @@ def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:
 
     Raises
     ------
-    InputError
-        For a floating base or mimic joints.
     UrdfError
         For a visual shape with an invalid number.
     """
+    held: SoftModel | None = model
     robot = check_model(model).robot
-    if robot.floating or robot.followers:
-        what = "a floating base" if robot.floating else "mimic joints"
-        raise InputError("robot", "a fixed base and independent joints", what)
-    poses = tuple(sample_poses(model, samples, seed))
+    if robot.floating:
+        held = None
+        with suppress(UrdfError):  # no joint moves, or only the free base gives M its inertia
+            held = build(replace(robot, floating=False))
+    poses = () if held is None else tuple(sample_poses(held, samples, seed))
     outsize, unreadable = suspicious_shapes(robot)
-    equilibrium = None
-    with suppress(SoftdynError), np.errstate(all="ignore"):  # some robots have none
-        equilibrium = rest(model)
+    equilibrium = boundary = None
+    if held is not None:
+        boundary = find_boundary(held, min(poses, key=lambda pose: pose.least))
+        with suppress(SoftdynError), np.errstate(all="ignore"):  # some robots have none
+            equilibrium = rest(held)
     fast = fast_springs(model, model.state(model.q0, np.zeros(model.nv)).M)
     return Diagnosis(
         model,
+        held,
         poses,
-        find_boundary(model, min(poses, key=lambda pose: pose.least)),
+        boundary,
         equilibrium,
         (*robot.warnings, *unreadable),
         (*suspicious_values(robot), *([fast] if fast else []), *outsize),

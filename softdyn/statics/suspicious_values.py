@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from softdyn.description.meshes import Mesh
-from softdyn.description.robot import Robot, moving_bodies
+from softdyn.description.robot import Joint, Robot, moving_bodies
 from softdyn.description.visuals import triangles, visuals
 from softdyn.dynamics.model import SoftModel
 
@@ -83,7 +83,8 @@ def _sizes(robot: Robot) -> Iterator[str]:
         yield f"a size of {size:g} m: lengths in mm? URDF wants metres"
     if 0 < size < SMALLEST:
         yield f"a size of {size:g} m: lengths in km or mm scaled twice? URDF wants metres"
-    if robot.length == 0:
+    slides = any(joint.kind == "prismatic" for joint in robot.chain(robot.task))
+    if robot.length == 0 and not slides and not robot.floating:
         yield (
             f"the tip {robot.task!r} sits at the base, no joint offset is on the way to it: "
             '<task frame="…"/> names another link'
@@ -92,6 +93,8 @@ def _sizes(robot: Robot) -> Iterator[str]:
 
 def _limits(robot: Robot) -> Iterator[str]:
     for joint in robot.moving_joints:
+        if joint.mimic is not None:  # a follower's limits are not used
+            continue
         span = max(abs(joint.lower), abs(joint.upper))
         if joint.kind == "revolute" and span > DEGREES:
             yield f"joint {joint.name!r} turns up to {span:g} rad: limits in degrees?"
@@ -147,10 +150,15 @@ def _springs(robot: Robot) -> Iterator[str]:
         pulled = any(actuator.tendon == tendon.name for actuator in robot.actuators)
         if not pulled and tendon.stiffness == 0 and tendon.damping == 0:
             yield f"tendon {tendon.name!r} does nothing: no actuator, no stiffness, no damping"
+    damped = {_first(joint) for joint in robot.moving_joints if joint.damping > 0}
     for joint in robot.moving_joints:
-        if joint.stiffness > 0 and not joint.lower <= joint.rest <= joint.upper:
+        if (
+            joint.mimic is None
+            and joint.stiffness > 0
+            and not joint.lower <= joint.rest <= joint.upper
+        ):
             yield f"joint {joint.name!r}: its spring rests at {joint.rest:g}, beyond its limits"
-        if joint.stiffness > 0 and joint.damping == 0:
+        if joint.stiffness > 0 and _first(joint) not in damped:
             yield f"joint {joint.name!r} has a spring and no damping: it will oscillate for ever"
     for actuator in robot.actuators:
         tendon = next(t for t in robot.tendons if t.name == actuator.tendon)
@@ -160,3 +168,8 @@ def _springs(robot: Robot) -> Iterator[str]:
             yield f"actuator {actuator.name!r} pushes its cable: cables carry a gear < 0"
         if tendon.sites and actuator.gear < 0 and actuator.lower < 0:
             yield f"actuator {actuator.name!r} may push its cable: its lower bound is below 0"
+
+
+def _first(joint: Joint) -> str:
+    """The joint that determines this one's position: its leader, or itself."""
+    return joint.name if joint.mimic is None else joint.mimic.leader

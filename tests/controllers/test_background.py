@@ -15,7 +15,6 @@ from functools import cache, partial
 import numpy as np
 import psutil
 import pytest
-from softdyn.controllers.predictive.follow import ARRIVES, STUCK
 
 from softdyn import Ellipse, InputError, SetPoint, load, statics
 from softdyn.controllers import Compensated, SafetyFilter, SoftIdClfQp, best
@@ -23,6 +22,7 @@ from softdyn.controllers.barriers import JointLimits
 from softdyn.controllers.controller import waiting
 from softdyn.controllers.predictive import rest_target
 from softdyn.controllers.predictive.background import Job
+from softdyn.controllers.predictive.plan import ARRIVES, STUCK
 from softdyn.controllers.predictive.rest_target import RestTargets
 from softdyn.validation import Rig, paper, simulate
 from softdyn.validation.twin.plant_errors import PlantErrors

@@ -48,6 +48,7 @@ def test_a_stop_that_is_met_within_a_period():
     model = softdyn.load("finger")
     pushing = best(model)  # it is not told which input acts
     pushing.reset(0.005)
+    pushing.waits = True  # a simulation sets it only on its own controller
     law = SafetyFilter(
         lambda state, reference: pushing(state, reference), model, FLOOR.barriers, horizon=0.1
     )

@@ -91,6 +91,25 @@ def test_meshes_of_a_package_are_found_beside_its_urdf_folder(tmp_path):
         assert locate(urdf, reference) == package / "box.stl"
 
 
+def test_a_package_has_the_name_in_its_package_xml(tmp_path):
+    """A downloaded archive is called my_arm-main, and may hold a folder of the package's name."""
+    package = tmp_path / "my_arm-main"
+    (package / "my_arm").mkdir(parents=True)
+    (package / "package.xml").write_text("<package><name> my_arm\n</name></package>")
+    trimesh.creation.box((1, 2, 3)).export(package / "box.stl")
+    for folder in (package / "my_arm", package / "urdf", package):
+        for name in ("my_arm", "my_arm-main"):
+            assert locate(folder / "r.urdf", f"package://{name}/box.stl") == package / "box.stl"
+    with pytest.raises(MeshError, match=r"<name>your_arm</name>.*got 'my_arm' of .*my_arm-main"):
+        locate(package / "r.urdf", "package://your_arm/box.stl")
+    with pytest.raises(MeshError, match="inside"):
+        locate(package / "r.urdf", "package://my_arm/../box.stl")
+    for broken in ("<package/>", "<package>", '<!DOCTYPE p [<!ENTITY e "my_arm">]><p>&e;</p>'):
+        (package / "package.xml").write_text(broken)
+        with pytest.raises(MeshError, match="states <name>my_arm</name>"):
+            locate(package / "r.urdf", "package://my_arm/box.stl")
+
+
 def test_a_package_without_a_package_xml_is_the_urdf_s_folder_or_the_next(tmp_path):
     folder = tmp_path / "far" / "robots" / "urdf"
     folder.mkdir(parents=True)
@@ -98,7 +117,7 @@ def test_a_package_without_a_package_xml_is_the_urdf_s_folder_or_the_next(tmp_pa
         trimesh.creation.box().export(base / "box.stl")
     for name in ("urdf", "robots"):
         assert locate(folder / "r.urdf", f"package://{name}/box.stl").parent.name == name
-    with pytest.raises(MeshError, match=r"a folder 'far' with a package.xml above"):
+    with pytest.raises(MeshError, match=r"a package.xml that states <name>far</name>, or"):
         locate(folder / "r.urdf", "package://far/box.stl")
     (tmp_path / "far" / "package.xml").touch()
     assert locate(folder / "r.urdf", "package://far/box.stl") == tmp_path / "far" / "box.stl"

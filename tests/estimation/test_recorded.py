@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from softdyn.estimation import Ekf, observe_data, read_rows
+from softdyn.estimation import Ekf, observe_data
+from softdyn.estimation.recorded import read_rows
 from tests.support.sensed import sensed
 
 

@@ -56,7 +56,7 @@ def test_without_noise_there_is_nothing_to_compare(finger):
         ("--twin 1 --timestep 1e-300", "timestep: expected a finite number >= 1e-07"),
         ("--twin 1 --noise -1", "noise: expected a finite number >= 0"),
         ("--twin 1 --amplitude 2", "amplitude: expected numbers from 0 to 1, got [2.0]"),
-        ("--twin 1 --reach 1 1 1", "amplitude: expected one number, or 2, got 3 of them"),
+        ("--twin 1 --amplitude 1 1 1", "amplitude: expected one number, or 2, got 3 of them"),
         ("--twin 1 --bias -0.1", "bias: expected numbers from 0 to 1, got [-0.1]"),
     ],
 )

@@ -17,6 +17,7 @@ import numpy as np
 
 import softdyn
 from softdyn import SoftModel, design, statics
+from softdyn.exceptions import UrdfError
 from softdyn.validation.mjcf import export
 from softdyn.validation.mjcf.comparison.finding import force
 from softdyn.validation.mjcf.comparison.side import Side, neutral
@@ -168,6 +169,29 @@ def drop(folder: Path) -> list[float]:
     """Way ahead and down of the tip of a level rod under a weight at its end, over its length."""
     found = statics.rest(arm(folder, "rod.toml"))
     return [float(found.y[0]) / 0.3, -float(found.y[2]) / 0.3]
+
+
+def refusal(file: str) -> Measure:
+    """The end of the line with which a file is refused."""
+
+    def measure(folder: Path) -> str:
+        try:
+            softdyn.load(folder / file)
+        except UrdfError as error:
+            return f"got {error.got}"
+        return ""
+
+    return measure
+
+
+def least_eigenvalue(file: str) -> Measure:
+    """The least eigenvalue of the stiffness at the rest under no input."""
+
+    def measure(folder: Path) -> float:
+        found, _ = statics.ramp(softdyn.load(folder / file), [0.0])
+        return float(found.eigenvalues.min())
+
+    return measure
 
 
 def turned_frame(folder: Path) -> float:
@@ -459,24 +483,170 @@ PARALLEL = mjcf(
     '<inertial pos="0 0 0" mass="2" diaginertia="1e-4 1e-4 1e-4"/></body>',
     '<equality><connect name="together" body1="a" body2="b" anchor="0 1 0"/></equality>',
 )
+
+
+def slides(*more: str) -> str:
+    """Masses of 1, 2 and 3 kg on vertical slides; `more` belongs to the joints, then the robot."""
+    parts = [
+        link(f"l{k}", k, place='xyz="0 0 0"')
+        + joint(f"s{k}", "base", f"l{k}", "prismatic", "0 0 1", f'xyz="0 {k} 0"', (-1, 1), inner)
+        for k, inner in enumerate(more[:-1], 1)
+    ]
+    return robot(*parts, more[-1])
+
+
+def mimic(leader: str, numbers: str) -> str:
+    """A ``<mimic>`` with these attributes."""
+    return f'<mimic joint="{leader}" {numbers}/>'
+
+
+def model_at_zero(file: str) -> Measure:
+    """M and g of a model with one coordinate, at q = 0."""
+
+    def measure(folder: Path) -> list[float]:
+        model = softdyn.load(folder / file)
+        state = model.state(model.q0, np.zeros(model.nv))
+        return [state.M.item(), state.g.item()]
+
+    return measure
+
+
+def losses(file: str) -> Measure:
+    """The lines on an MJCF's equalities that its export as a URDF lists as lost."""
+
+    def measure(folder: Path) -> str:
+        _, lost = export.write_urdf(folder / file, folder / "tree.urdf")
+        return "; ".join(line for line in lost if "equality" in line)
+
+    return measure
+
+
+CONSTRAINT = (
+    '<constraint name="together" type="fixed"><parent link="l1"/><parent_origin xyz="0 1 0"/>'
+    '<child link="l2"/><child_origin xyz="0 0 0"/></constraint>'
+)
+LOOP_JOINT = (
+    '<loop_joint name="together" type="fixed"><link1 link="l1"/><link2 link="l2"/></loop_joint>'
+)
+EQUALITY = '<mujoco><equality><connect body1="l1" body2="l2" anchor="0 1 0"/></equality></mujoco>'
+GEARS = robot(
+    link("a", 0.1, (1e-3, 1e-3, 1e-3), 'xyz="0 0 0"'),
+    link("b", 0.1, (2e-3, 2e-3, 2e-3), 'xyz="0 0 0"'),
+    joint("ja", "base", "a", "continuous", "0 0 1"),
+    joint("jb", "base", "b", "continuous", "0 0 1", 'xyz="0 1 0"',
+          more=mimic("ja", 'multiplier="-2"')),
+)  # fmt: skip
+TILTED = (0.003, 0.0025, 0.0006)
+QUATERNION = (
+    'xyz="0 0 -0.1" quat_xyzw="0.25881904510252074 0 0 0.9659258262890683"',
+    'xyz="0 0 -0.1" rpy="0.5235987755982988 0 0"',
+)
+CAPSULE = '<visual><geometry><capsule radius="0.02" length="0.2"/></geometry></visual>'
+FAST = HINGE.replace("<limit ", '<limit acceleration="30" jerk="900" ')
 MENDED = (
     Report(
-        "connect",
+        "constraint",
+        ("ros/urdfdom#264",),
+        "A URDF states a tree only; <constraint> is proposed for closed loops.",
+        {"loop.urdf": slides("", "", CONSTRAINT)},
+        "check loop.urdf",
+        2,
+        ("expected a tree of <joint>s", "got <constraint>: write it so, or remove it"),
+        "refuses what closes a loop, by file, line and element, instead of a robot with two free "
+        "slides",
+    ),
+    Report(
+        "loop_joint",
+        ("stack-of-tasks/pinocchio#2602",),
+        "Closed loops of a robot whose file states a tree.",
+        {"loop.urdf": slides("", "", LOOP_JOINT), "mimic.urdf": slides("", mimic("s1", ""), "")},
+        "check loop.urdf --json -",
+        2,
+        ("expected a tree of <joint>s", "got <loop_joint>: write it so, or remove it"),
+        "refuses every element that states a loop, whatever its tool; a <mimic> joint states this "
+        "one",
+        (("M of the two masses as one (kg)", mass_matrix("mimic.urdf"), 3.0),),
+    ),
+    Report(
+        "equality",
         ("kevinzakka/mink#43",),
         "A closed loop of an MJCF, <connect>, has no effect in another tool that reads the file.",
-        {"loop.xml": PARALLEL},
-        "export loop.xml --urdf tree.urdf",
+        {"loop.urdf": slides("", "", EQUALITY), "loop.xml": PARALLEL},
+        "compare loop.xml loop.urdf",
+        2,
+        ("expected a tree of <joint>s", "got <equality> in <mujoco>: write it so, or remove it"),
+        "refuses it in a URDF; of an MJCF, `compare` names it as a coupling, `export --urdf` lists "
+        "it as lost, and with `--plant` MuJoCo closes it",
+        (("lost", losses("loop.xml"), "equality connect: a and b"),),
+    ),
+    Report(
+        "urdf_1_2",
+        ("stack-of-tasks/pinocchio#2893",),
+        "URDF 1.2 has capsules and limits of acceleration and jerk.",
+        {
+            "new.urdf": robot(link("a", more=CAPSULE), FAST, version="1.2"),
+            "old.urdf": robot(HINGED, HINGE),
+            "next.urdf": robot(HINGED, HINGE, version="2.0"),
+        },
+        "compare new.urdf old.urdf --strict",
         0,
-        ("lost: equality connect: a and b",),
-        "a URDF states a tree, so the export lists the loop as lost; `compare` names it as a "
-        "coupling; with `--plant` MuJoCo closes it",
+        ("the files agree",),
+        "reads versions 1.0, 1.1 and 1.2, and refuses others by name",
         (
+            ("M (kg m²)", mass_matrix("new.urdf"), 0.2 * 0.01 + 1e-4),
+            ("version 2.0", refusal("next.urdf"), 'got version="2.0"'),
+        ),
+    ),
+    Report(
+        "quaternion",
+        ("gazebosim/sdformat#1654",),
+        "A converter does not know what newer URDFs may state.",
+        {
+            "quaternion.urdf": robot(link("a", 0.6, TILTED, QUATERNION[0]), HINGE, version="1.1"),
+            "rpy.urdf": robot(link("a", 0.6, TILTED, QUATERNION[1]), HINGE),
+            "unsaid.urdf": robot(link("a", 0.6, TILTED, QUATERNION[0]), HINGE),
+        },
+        "compare quaternion.urdf rpy.urdf --strict",
+        0,
+        ("the files agree",),
+        "reads quat_xyzw where the file's version allows it; elsewhere the line gives the rpy",
+        (
+            ("M (kg m²)", mass_matrix("quaternion.urdf"), 0.008025),
             (
-                "M of the tree, without the loop (kg)",
-                mass_matrix("tree.urdf"),
-                [[1.0, 0.0], [0.0, 2.0]],
+                "in a file without a version",
+                refusal("unsaid.urdf"),
+                "got quat_xyzw in a file of URDF 1.0",
             ),
         ),
+    ),
+    Report(
+        "mimic_chain",
+        ("google-deepmind/mujoco#3527",),
+        "A URDF's <mimic> is dropped in silence, so that followers move freely.",
+        {
+            "chain.urdf": slides(
+                "", mimic("s1", 'multiplier="2" offset="0.1"'), mimic("s2", 'multiplier="0.5"'), ""
+            ),
+            "flat.urdf": slides(
+                "", mimic("s1", 'multiplier="2" offset="0.1"'), mimic("s1", 'offset="0.05"'), ""
+            ),
+        },
+        "compare chain.urdf flat.urdf --strict",
+        0,
+        ("the files agree",),
+        "followers move with their leaders, in chains too",
+        (("M (kg), g (N)", model_at_zero("chain.urdf"), [12.0, 8 * 9.81]),),
+    ),
+    Report(
+        "mimic_continuous",
+        ("stack-of-tasks/pinocchio#2753",),
+        "Mimic joints that are continuous are not read rightly.",
+        {"gears.urdf": GEARS},
+        "crosscheck gears.urdf --states-only --samples 2",
+        0,
+        ("the two engines agree",),
+        "continuous joints lead and follow",
+        (("M (kg m²)", mass_matrix("gears.urdf"), 0.009),),
     ),
     Report(
         "polynomial_spring",
@@ -561,7 +731,32 @@ BOX = (
     'pos="0 0 -0.1" mass="1"/><geom name="v" type="sphere" size="0.05" contype="0" '
     'conaffinity="0" mass="0"/><geom name="e" type="ellipsoid" size="0.1 0.2 0.3" mass="0"/></body>'
 )
+LEVEL_ARM = robot(
+    link("arm", 0.3, (1e-4, 1e-3, 1e-3), 'xyz="0.1 0 0"'), '<link name="tip"/>',
+    joint("hinge", "base", "arm", limits=(-3, 3), more='<dynamics damping="0.01"/>'),
+    joint("end", "arm", "tip", "fixed", origin='xyz="0.2 0 0"'),
+    block(over("t", "hinge"), '<actuator name="u" tendon="t" lower="-1" upper="1"/>',
+          '<task frame="tip"/>'),
+)  # fmt: skip
 BESIDE = (
+    Report(
+        "no_stiffness",
+        (),
+        "Statics of a robot without stiffness at q = 0, such as a bare arm held level: “expected "
+        "finite numbers, got nan”.",
+        {"arm.urdf": LEVEL_ARM},
+        "statics arm.urdf --inputs 0.1",
+        0,
+        ("its tip at -0.0680 0.0000 -0.1881 m", "stable"),
+        "no step of the search is infinite; the arm falls to its rest",
+        (
+            (
+                "least eigenvalue of the rest under no input (N m/rad)",
+                least_eigenvalue("arm.urdf"),
+                0.3 * 9.81 * 0.1,
+            ),
+        ),
+    ),
     Report(
         "joint_motor",
         (),

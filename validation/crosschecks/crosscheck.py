@@ -257,6 +257,9 @@ def _compare_at(
         speed = float(np.abs(v).max())
         tally.condition = max(tally.condition, float(np.linalg.cond(state.M)))
         energy = model.kinetic_energy(q, v) + model.gravity_energy(q) + model.elastic_energy(q)
+        lengths = state.lengths
+        if len(judge.shared) == len(lengths):  # else their number is the error that is told
+            lengths = lengths[judge.shared]
         pairs: dict[str, tuple[Any, Callable[[], Any], float]] = {
             "tip": (state.y, judge.tip, length),
             "J": (state.J, judge.J, length),
@@ -266,7 +269,7 @@ def _compare_at(
             "g": (state.g, judge.g, inertia),
             "K": (state.K, judge.K, inertia),
             "D": (state.D, judge.D, inertia),
-            "length": (state.lengths[judge.shared], judge.lengths, length),
+            "length": (lengths, judge.lengths, length),
             "energy": (energy, judge.energy, weight),
         }
         if judge.nu == model.nu:

@@ -73,10 +73,11 @@ class HeldRest:
         if rest.eigenvalues.size:
             firm = f"eigenvalue {rest.eigenvalues[0]:.4g}, pole {rest.poles[0].real:.3g} /s"
         stops = f", {rest.held.sum()} joints at limits" if rest.held.any() else ""
+        inputs = " ".join(f"{x:.3f}" for x in rest.u) or "none"
         return (
             f"{rest.firmness} ({firm}){stops}, "
             f"drift {CM * self.drift.final:.2g} cm in {self.seconds:g} s, "
-            f"nudged {CM * self.nudged.final:.2g} cm, u = {' '.join(f'{x:.3f}' for x in rest.u)}"
+            f"nudged {CM * self.nudged.final:.2g} cm, u = {inputs}"
         )
 
 

@@ -22,6 +22,7 @@ from softdyn.validation.live.dragged_targets import DraggedTargets
 from softdyn.validation.live.ghost import Ghost
 from softdyn.validation.live.menu import Make, make_law
 from softdyn.validation.live.push import Hand, hand_stiffness
+from softdyn.validation.loop.arguments import starting_pose
 from softdyn.validation.loop.observation import Observation
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies.experiments import setup_of
@@ -128,7 +129,7 @@ class Session:
         try:
             self._rest = statics.rest(model).q
         except SoftdynError:
-            self._rest = model.q0
+            self._rest, _ = starting_pose(model, None)
         self._zero = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
         self._stiffness = hand_stiffness(model)
         self.pull = LONGEST_PULL * size * self._stiffness

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
 from functools import partial
@@ -11,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, Reference, SoftModel
-from softdyn.checks import in_degrees
+from softdyn.checks import array, in_degrees
 from softdyn.statics.suspicious_values import fast_springs
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.twin.state_map import MappedPlant
 
 ReferenceLike = Experiment | Callable[[float], Reference]
+YIELD = 1e-3  # of a joint's range: a run may begin where another one pressed a joint on its stop
 
 
 def mapped_plant(model: SoftModel, plant: str | Path | MappedPlant, settings: bool) -> MappedPlant:
@@ -95,19 +97,46 @@ def check_controller(controller: Any) -> None:
         raise InputError("controller", expected, repr(controller))
 
 
-def check_pose(model: SoftModel, q: np.ndarray) -> None:
-    """Refuse angles beyond their limits that lie inside when read as degrees.
+def starting_pose(model: SoftModel, q0: Any) -> tuple[np.ndarray, str]:
+    """The configuration (nq,) at which a run begins, and a text about joints that were moved.
 
-    Any other pose beyond the limits is accepted, because the plant has stops.
+    By default it is the nearest one to q = 0 within the joint limits. The text is empty if that is
+    q = 0.
+
+    Raises
+    ------
+    InputError
+        A given configuration of another shape, not finite, or beyond a limit by more than
+        `YIELD`, because a stop would throw the robot back.
     """
-    limits = {joint.name: joint for joint in model.robot.moving_joints}
-    for name, angle in zip(model.joint_names, model.coordinates(q), strict=True):
-        joint = limits.get(name)
-        if joint is None or joint.kind != "revolute":
+    if q0 is None:
+        at = model.coordinates(model.q0)
+        within = np.clip(at, model.lower, model.upper)
+        moved = [
+            f"{name} at {limit:g}"
+            for name, zero, limit in zip(model.joint_names, at, within, strict=True)
+            if zero != limit
+        ]
+        if not moved:
+            return model.q0, ""
+        return model.integrate(model.q0, within - at), (
+            f"at the limits nearest to 0, which is beyond them: {', '.join(moved)}"
+        )
+    q = array("q0", q0, (model.nq,))
+    limits = zip(model.joint_names, model.coordinates(q), model.lower, model.upper, strict=True)
+    for name, value, lower, upper in limits:
+        room = YIELD * (upper - lower) if math.isfinite(upper - lower) else 0.0
+        if lower - room <= value <= upper + room:
             continue
-        if in_degrees(angle, joint.lower, joint.upper):
-            expected = f"radians: joint {name!r} turns from {joint.lower:g} to {joint.upper:g}"
-            raise InputError("q0", expected, f"{angle:g}: degrees?")
+        hint = ": degrees?" if _turns(model, name) and in_degrees(value, lower, upper) else ""
+        expected = f"joint {name!r} within its limits, {lower:g} to {upper:g}"
+        raise InputError("q0", expected, f"{value:g}{hint}")
+    return q, ""
+
+
+def _turns(model: SoftModel, name: str) -> bool:
+    """Whether a joint is a revolute one."""
+    return any(j.name == name and j.kind == "revolute" for j in model.robot.moving_joints)
 
 
 def warn_of_fast_springs(model: SoftModel, M: np.ndarray, timestep: float) -> None:

@@ -24,12 +24,12 @@ from softdyn.validation.loop import verdict
 from softdyn.validation.loop.arguments import (
     ReferenceLike,
     check_controller,
-    check_pose,
     check_robot,
     checked,
     mapped_plant,
     name_of,
     nowhere,
+    starting_pose,
     warn_of_fast_springs,
 )
 from softdyn.validation.loop.experiment import (
@@ -98,11 +98,12 @@ class ClosedLoop(Separate):
     integrator : Integrator or str
         The twin's scheme.
     q0, v0 : np.ndarray, (nq,), (nv,), optional
-        Initial state; rest by default.
+        Initial state, within the joint limits; by default at rest in the configuration within the
+        limits that is nearest to q = 0.
     contacts : bool
         Whether the plant's links can touch.
     friction : bool
-        Whether the plant has the file's dry friction.
+        Whether the plant has the file's dry friction of joints, and of cables on their guides.
     twin : Callable[..., Twin]
         Makes the plant, called as `Twin` with the robot, timestep, contacts and friction.
     plant : str, Path or MappedPlant, optional
@@ -139,6 +140,8 @@ class ClosedLoop(Separate):
         The run's periods and plant steps.
     steps : int
         Control steps done.
+    start : str
+        Joints that the default start moves to their limits; empty where it is q = 0.
     done, reason : bool, str or None
         Whether the run is over; why it ended early or failed.
 
@@ -193,9 +196,8 @@ class ClosedLoop(Separate):
         check_controller(controller)
         if not isinstance(name, str | None):
             raise InputError("name", "text", repr(name))
-        q = model.q0 if q0 is None else array("q0", q0, (model.nq,))
+        q, self.start = starting_pose(model, q0)
         v = np.zeros(model.nv) if v0 is None else array("v0", v0, (model.nv,))
-        check_pose(model, q)
         warn_of_fast_springs(model, model.state(q, v).M, self.grid.timestep)
         self.plant: Plant
         self._rig: RiggedPlant | None = None
@@ -394,6 +396,7 @@ class ClosedLoop(Separate):
             versions=dict(package_versions()),
             source=LoggedRobot.of(model),
             plant=self.plant_file,
+            start=self.start,
         )
 
     def _see(self, k: int, state: State) -> State:

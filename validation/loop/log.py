@@ -110,6 +110,8 @@ class Log:
     distance : np.ndarray, (N,), or None
         Of a controller that found an equilibrium to go to: from the reference to its tip (m), NaN
         before it was found.
+    start : str
+        Joints that the default start moves to their limits, because 0 lies beyond them.
     """
 
     t: np.ndarray
@@ -169,6 +171,7 @@ class Log:
     reserve: np.ndarray | None = None
     obstacles: dict[str, Any] | None = None
     distance: np.ndarray | None = None
+    start: str = ""
 
     def __post_init__(self) -> None:
         for array in self._arrays().values():

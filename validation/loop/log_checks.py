@@ -59,7 +59,8 @@ NAMES = (
     "sensor_names", "command_units", "sensor_units", "task_names", "task_units",
     "disturbance_names", "disturbance_units", "marks",
 )  # fmt: skip
-ADDED: dict[str, Any] = {"plant": None, "obstacles": None} | {name: [] for name in NAMES}
+ADDED: dict[str, Any] = {"plant": None, "obstacles": None, "start": ""}
+ADDED |= {name: [] for name in NAMES}
 
 
 def _format(about: Any) -> Any:
@@ -207,6 +208,7 @@ def _is_source(value: Any) -> bool:
 # name → whether a value is allowed in a file; gains may have any form
 ENTRIES: dict[str, Callable[[Any], bool]] = {
     "u_unit": _is_text,
+    "start": _is_text,
     "robot": _is_text,
     "controller": _is_text,
     "kind": _or_none(_is_text),

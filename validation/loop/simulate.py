@@ -53,7 +53,8 @@ def simulate(
     duration, period, timestep : float, optional
         Length of the run, control period and plant step (s).
     q0, v0 : np.ndarray, (nq,), (nv,), optional
-        Initial state; rest by default.
+        Initial state, within the joint limits; by default at rest in the configuration within the
+        limits that is nearest to q = 0.
     contacts, friction : bool
         Whether the plant's links can touch, and whether it has the file's dry friction.
     twin : Callable[..., Twin]

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 def summary_text(log: Log, beside: Mapping[str, str] | None, tolerance: float | None) -> str:
     """Several lines, see `Log.summary`."""
     if log.kind == ROLLOUT:
-        return judged.rollout_text(log.robot, log.t[-1], log.y[-1], log.reason)
+        text = judged.rollout_text(log.robot, log.t[-1], log.y[-1], log.reason)
+        return text + (f"\nstart: {log.start}" if log.start else "")
     sp, tt = (
         f"   {beside[name]}" if beside and name in beside else ""
         for name in ("final_error_cm", "mse_cm2")
@@ -27,6 +28,7 @@ def summary_text(log: Log, beside: Mapping[str, str] | None, tolerance: float | 
         f"{log.robot}{f' in {log.plant}' if log.plant else ''}, {log.controller}, "
         f"{judged.goal_text(log.theta, log.omega, log.y_ref)}: {log.t[-1]:g} s of "
         f"{log.duration:g} s, period {1e3 * log.period:g} ms",
+        *([f"start          {log.start}"] if log.start else []),
         f"final error    {log.final_error_cm:.3f} cm{sp}",
         f"mean |e|^2     {log.mse_cm2:.3f} cm²{tt}",
     ]
@@ -95,6 +97,7 @@ def report(log: Log, tolerance: float | None) -> dict[str, Any]:
         "not_solved": log.not_solved,
         "fallbacks": log.fallbacks,
         "max_bound_violation": log.max_bound_violation,
+        "start": log.start or None,
         "verdict": "failed" if log.failed else ("reached" if found.reached else "not reached"),
         **found.to_dict(),
     }

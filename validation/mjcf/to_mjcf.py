@@ -62,8 +62,8 @@ def to_mjcf(
     Returns
     -------
     str
-        The document, with the twin's settings, stiffness of stops and of mimic joints, and a
-        keyframe at rest.
+        The document, with the options on which the motion depends, the twin's stiffness of stops
+        and of mimic joints, and a keyframe at rest.
     """
     return _Writer(robot, from_urdf(robot)).write(timestep, shapes, contacts)
 
@@ -96,18 +96,14 @@ class _Writer:
     def write(self, timestep: float, shapes: bool, contacts: bool) -> str:
         """The whole document."""
         root = etree.Element("mujoco", model=self._robot.name)
-        add(root, "compiler", angle="radian", autolimits="false", inertiafromgeom="false",
-            boundmass=0, boundinertia=0, balanceinertia="false", fusestatic="false")  # fmt: skip
-        option = add(
-            root, "option", gravity=self._neutral.gravity, timestep=timestep,
-            integrator="implicitfast", solver="Newton", cone="elliptic", iterations="100",
-            tolerance=1e-12,
-        )  # fmt: skip
-        touch = "enable" if contacts else "disable"
-        add(option, "flag", energy="enable", autoreset="disable", contact=touch)
+        add(root, "compiler", angle="radian", autolimits="false")
+        # only what the motion needs, because other simulators refuse options that they do not know
+        option = add(root, "option", gravity=self._neutral.gravity, timestep=timestep,
+                     integrator="implicitfast", cone="elliptic" if contacts else None)  # fmt: skip
+        if not contacts:
+            add(option, "flag", contact="disable")
         self._asset = add(root, "asset")
         world = add(root, "worldbody")
-        add(world, "light", pos="0 0 3", dir="0 0 -1", directional="true")
         self._fill(world, WORLD, shapes)
         for part in self._neutral.children(WORLD):
             self._body(world, part, shapes)
@@ -171,8 +167,10 @@ class _Writer:
             stiffness=part.stiffness or None, springref=part.rest or None,
             damping=part.damping or None, armature=part.armature or None,
             frictionloss=part.friction or None,
-            solreflimit=STIFF_SOLREF, solimplimit=STIFF_SOLIMP,
-            solreffriction=STIFF_SOLREF, solimpfriction=STIFF_SOLIMP,
+            solreflimit=STIFF_SOLREF if limited else None,
+            solimplimit=STIFF_SOLIMP if limited else None,
+            solreffriction=STIFF_SOLREF if part.friction else None,
+            solimpfriction=STIFF_SOLIMP if part.friction else None,
         )  # fmt: skip
 
     def _inertial(self, body: Element, k: int) -> None:

@@ -60,7 +60,8 @@ def rollout(
     integrator : Integrator or str
         ``implicitfast`` is of first order and robust, ``rk4`` of fourth order.
     q0, v0 : np.ndarray, (nq,), (nv,), optional
-        Initial state; q = 0 at rest by default.
+        Initial state, within the joint limits; by default at rest in the configuration within the
+        limits that is nearest to q = 0.
     contacts, friction : bool
         Whether the links can touch, and whether the file's dry friction acts.
     rig : Rig or str, optional

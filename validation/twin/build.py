@@ -31,6 +31,7 @@ def build(
     amend: Callable[[mujoco.MjSpec], None],
     *,
     rig: bool = False,
+    rubs: bool = False,
 ) -> tuple[mujoco.MjModel, np.ndarray]:
     """Compile a robot for MuJoCo.
 
@@ -46,6 +47,8 @@ def build(
         Changes what is compiled, after everything else.
     rig : bool
         Whether the inputs are those of the file's rig, and its sensors are there.
+    rubs : bool
+        Whether there are the tendons beyond the guides of cables that rub.
 
     Returns
     -------
@@ -58,6 +61,8 @@ def build(
         When MuJoCo refuses the robot.
     """
     spec = _specify(robot, tree, settings.timestep if rig else None)
+    if rubs:
+        add_guides(spec, robot, settings.timestep)
     settings.apply(spec)
     amend(spec)
     try:
@@ -99,7 +104,6 @@ def _specify(robot: Robot, tree: Tree, timestep: float | None) -> mujoco.MjSpec:
     _add_site(bodies, tree, robot.task, IDENTITY, TASK_SITE)
     drives.add_inputs(spec, robot, timestep)
     if timestep is not None:
-        add_guides(spec, robot, timestep)
         for sensor in robot.sensors:
             if sensor.link:
                 _add_site(bodies, tree, sensor.link, sensor.origin, drives.frame_name(sensor))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import cast
 
 import mujoco
 import numpy as np
@@ -73,9 +74,9 @@ def plain_urdf(path: Path, mended: str = "") -> PlainUrdf:
             if child.tag not in NEEDED[node.tag]:
                 node.remove(child)
     for joint in root.iterchildren("joint"):
-        _turn(found, joint, joint.get("name"))
+        _turn(found, joint, str(joint.get("name")))
     for link in root.iterchildren("link"):
-        name = link.get("name")
+        name = str(link.get("name"))
         for inertial in link.iterchildren("inertial"):
             _turn(found, inertial, (name, -1))
         for collision in list(link.iterchildren("collision")):
@@ -95,8 +96,7 @@ def plain_urdf(path: Path, mended: str = "") -> PlainUrdf:
 
 def _turn(found: PlainUrdf, node: etree._Element, key: str | tuple[str, int]) -> None:
     origin = node.find("origin")
-    words = None if origin is None else origin.get("quat_xyzw")
-    if words is None:
+    if origin is None or (words := origin.get("quat_xyzw")) is None:
         return
     x, y, z, w = map(float, words.split())
     quaternion, rotation = np.array([w, x, y, z]), np.empty(9)
@@ -127,7 +127,9 @@ def _unusable(path: Path, link: str, collision: etree._Element) -> str:
     if len(sizes) != count or not np.isfinite(sizes).all():
         label = f'<link name="{link}"><collision><geometry><{shape.tag}>'
         expected = f"{count} numbers as {', '.join(SIZES[shape.tag])}"
-        got = " ".join(f'{key}="{value}"' for key, value in shape.attrib.items()) or "none"
-        raise UrdfError(path, label, expected, got, shape.sourceline)
+        stated = [(str(key), str(value)) for key, value in shape.attrib.items()]
+        got = " ".join(f'{key}="{value}"' for key, value in stated) or "none"
+        line = cast("int | None", shape.sourceline)  # missing in the type stubs
+        raise UrdfError(path, label, expected, got, line)
     needed = sizes[:1] if shape.tag == "capsule" and sizes[1] >= 0 else sizes
     return "" if min(needed) > 0 else f"{shape.tag} without extent"

@@ -72,7 +72,7 @@ class Twin(Separate):
     contacts : bool
         Whether the links' collision primitives can touch; neighbours never touch.
     friction : bool
-        Whether the joints' dry friction acts.
+        Whether the joints' dry friction acts, and the friction of cables on their guides.
     rig : bool
         Whether the file's rig is there: commands of lengths, lag and delay of the inputs, friction
         of cables, sensors. Without it every input is a force that acts at once.
@@ -130,7 +130,7 @@ class Twin(Separate):
         silence()
         self.obstacles = tuple(obstacles)
         self.robot = _robot(source)
-        rubs = rig and any(tendon.friction for tendon in self.robot.tendons)
+        rubs = (rig or friction) and any(tendon.friction for tendon in self.robot.tendons)
         scheme = integrator_of(integrator)
         settings = Settings(timestep, scheme, limits, contacts, friction or rubs)
         self.floating = self.robot.floating
@@ -139,7 +139,7 @@ class Twin(Separate):
         self.skipped = tree.skipped
         moved = [body.joint for body in tree.bodies if body.joint is not None]
         self.followers = {joint.name: joint for joint in moved if joint.leader is not None}
-        self.model, self.rest = build(self.robot, tree, settings, self._amend, rig=rig)
+        self.model, self.rest = build(self.robot, tree, settings, self._amend, rig=rig, rubs=rubs)
         self.data = mujoco.MjData(self.model)
         self.joint_names = tuple(self.model.joint(i).name for i in range(self.model.njnt))
         site = self.model.site(TASK_SITE)

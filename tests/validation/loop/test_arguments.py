@@ -9,7 +9,7 @@ import pytest
 import softdyn
 from softdyn import InputError
 from softdyn.controllers import Impedance
-from softdyn.validation import paper, simulate
+from softdyn.validation import Log, paper, rollout, simulate
 from tests.support import ROOT
 from tests.support.cart import TARGET, steer
 
@@ -30,10 +30,41 @@ def test_a_period_is_no_longer_than_the_run(cart):
 def test_degrees_are_told_from_radians():
     model = softdyn.load("finger")
     goal, law = paper.set_point("finger", 0.5), Impedance(model)
-    with pytest.raises(InputError, match=r"'joint1' turns from -1\.57 to 1\.57, got 45: degrees\?"):
+    message = r"'joint1' within its limits, -1\.57 to 1\.57, got 45: degrees\?"
+    with pytest.raises(InputError, match=message):
         simulate(model, law, goal, q0=np.array([45.0, 0, 0, 0]), duration=0.01)
-    # beyond a stop, but an angle
-    assert simulate(model, law, goal, q0=np.array([1.7, 0, 0, 0]), duration=0.01).steps == 2
+    with pytest.raises(InputError, match=r"'joint1' within its limits, .* got 1\.7$"):
+        simulate(model, law, goal, q0=np.array([1.7, 0, 0, 0]), duration=0.01)
+    pressed = model.upper[0] + 2e-5  # where another run pressed it on its stop
+    assert simulate(model, law, goal, q0=np.array([pressed, 0, 0, 0]), duration=0.01).steps == 2
+
+
+# 0 lies 20 mm below the joint's range
+SLIDE = """<robot name="slide"><link name="base"/><link name="a"><inertial><mass value="0.03"/>
+<inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>
+<joint name="reach" type="prismatic"><parent link="base"/><child link="a"/><axis xyz="0 0 -1"/>
+<limit lower="0.02" upper="0.08" effort="9" velocity="9"/>
+<dynamics damping="0.5" stiffness="60"/></joint>
+<gazebo reference="reach"><springReference>0.05</springReference></gazebo><softdyn version="1">
+<tendon name="t"><joint name="reach" coef="1"/></tendon>
+<actuator name="u" tendon="t" lower="-1" upper="1"/></softdyn></robot>"""
+
+
+def test_the_default_start_is_within_the_limits(tmp_path):
+    (tmp_path / "slide.urdf").write_text(SLIDE)
+    model = softdyn.load(tmp_path / "slide.urdf")
+    log = rollout(model, np.zeros(1), 0.1)
+    assert log.q[0] == pytest.approx(0.02)
+    assert np.abs(log.v[: int(0.002 / log.period) + 1]).max() < 0.14  # not thrown by the stop
+    assert "reach at 0.02" in log.start
+    assert "start: at the limits nearest to 0" in str(log)
+    log.save(tmp_path / "run.npz")
+    assert Log.load(tmp_path / "run.npz").start == log.start
+    push = lambda state, reference: np.zeros(1)  # noqa: E731
+    with pytest.raises(InputError, match=r"'reach' within its limits, 0\.02 to 0\.08, got 0$"):
+        simulate(model, push, TARGET, q0=[0.0], duration=0.01)
+    again = simulate(model, push, TARGET, q0=[0.05], duration=0.01)
+    assert (again.q[0], again.start) == (0.05, "")
 
 
 def test_a_stiffness_in_other_units_is_doubted(tmp_path):

@@ -47,6 +47,22 @@ def test_mujoco_loads_the_twin_and_steps_to_the_same(tmp_path, name):
     np.testing.assert_allclose(data.site("task").xpos, twin.tip, atol=1e-8)
 
 
+@pytest.mark.parametrize("contacts", [False, True])
+def test_a_file_has_only_the_options_that_its_motion_needs(tmp_path, contacts):
+    """MuJoCo Warp refuses a file with `autoreset`, for example."""
+    path = tmp_path / "out.xml"
+    export.write_mjcf("helix", path, contacts=contacts)
+    option, plain = mujoco.MjModel.from_xml_path(str(path)).opt, mujoco.MjOption()
+    own = {"timestep", "integrator", "cone" if contacts else "disableflags"}
+    names = [name for name in dir(plain) if not name.startswith("_")]
+    fields = [name for name in names if not callable(getattr(plain, name))]
+    differ = {n for n in fields if np.any(getattr(option, n) != getattr(plain, n))}
+    assert differ == own
+    assert option.disableflags == (0 if contacts else mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    text = path.read_text()
+    assert not [word for word in ("<light", "<visual", "<statistic", "energy") if word in text]
+
+
 def test_massless_chains_are_several_joints_of_one_body(tmp_path):
     path = tmp_path / "out.xml"
     export.write_mjcf("spirob", path, shapes=False)

@@ -1,5 +1,6 @@
 """Rollouts on a cart, against its closed form, and one path of computing against the other."""
 
+import json
 import math
 from dataclasses import fields, replace
 
@@ -132,8 +133,6 @@ def test_a_rollout_is_a_log(cart, tmp_path):
 
 
 def test_the_command(cart, tmp_path):
-    import json
-
     done = command("rollout", cart.robot.path, "--u", "2", "--seconds", "0.1", "--json", "-")
     assert done.code == 0, done.err
     told = json.loads(done.out)
@@ -258,3 +257,36 @@ def test_a_file_is_held_row_by_row(cart, tmp_path):
         "rollout", cart.robot.path, "--inputs", tmp_path / "inputs.csv", "--seconds", "1"
     )
     assert "expected rows for 1 s" in late.err
+
+
+# a cable pulls a cart round a corner of 90 degrees; a spring holds what friction leaves of it
+ROPE = """<robot name="rope"><link name="base"/><link name="cart"><inertial><mass value="0.1"/>
+<inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>
+<joint name="slide" type="prismatic"><parent link="base"/><child link="cart"/>
+<origin xyz="0.3 0 0"/><axis xyz="1 0 0"/>
+<limit lower="-0.15" upper="0.15" effort="9" velocity="9"/>
+<dynamics damping="8" stiffness="200"/></joint><softdyn version="1">
+<tendon name="rope" friction="0.2" driven="first"><site link="base" xyz="0 0 0.2"/>
+<site link="base" xyz="0 0 0"/><site link="cart" xyz="0 0 0"/></tendon>
+<actuator name="pull" tendon="rope" gear="-1" lower="0" upper="20"/></softdyn></robot>"""
+
+
+def test_friction_is_that_of_cables_too(tmp_path):
+    (tmp_path / "rope.urdf").write_text(ROPE)
+    file = str(tmp_path / "rope.urdf")
+    ends = []
+    for words in ((), ("--friction",), ("--rig",)):
+        done = command("rollout", file, "--u", "10", "--seconds", "2", *words, "--json", "-")
+        ends.append(json.loads(done.out)["final_tip"][0])
+    assert ends[0] == pytest.approx(0.3 - 10 / 200)
+    assert ends[1] == ends[2]
+    # it sticks within the band that friction leaves, near the end where it came from
+    assert ends[1] == pytest.approx(0.3 - 10 * np.exp(-0.2 * np.pi / 2) / 200, abs=2e-4)
+
+
+def test_options_without_use_say_so(cart, tmp_path):
+    file = str(cart.robot.path)
+    for option in ("--friction", "--rig"):
+        with pytest.warns(UserWarning, match=f"{option} changes nothing"):
+            done = command("rollout", file, "--u", "0", "--seconds", "0.01", option)
+        assert done.code == 0

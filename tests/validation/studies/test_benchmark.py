@@ -415,7 +415,6 @@ def test_json_to_a_file(call, reference):
         (["--controllers", "own.py:Nobody"], "a class in own.py"),
         (["--controllers", "no.py:Nobody"], "an existing Python file"),
         (["--controllers", "own.py:Unbuildable"], "expected a controller, got KeyError in line"),
-        (["--controllers", "own.py:Broken"], "expected a command, got ZeroDivisionError in line"),
         (["--robots", "arm.urdf", "--controllers", "ic"], "error: "),  # it has no gains
         (["--thetas", "--omegas"], "--thetas, --omegas: expected at least one"),
         (["--omegas", "0"], "argument --omegas: expected a number > 0"),
@@ -437,6 +436,16 @@ def test_bad_input(call, folder, arguments, message):
     assert lines[0].startswith("error: ")
     assert message in lines[0]
     assert not stamps("out")
+
+
+def test_an_error_in_a_users_code_is_told_by_its_traceback(call):
+    code, text, errors = call(
+        "--robots", "finger", "--controllers", "own.py:Broken", "--thetas", "--omegas", "20",
+        "--out", "out",
+    )  # fmt: skip
+    assert (code, text) == (1, "")
+    assert "own.py" in errors
+    assert "ZeroDivisionError" in errors
 
 
 def test_plots_and_no_plots_exclude_each_other(call):

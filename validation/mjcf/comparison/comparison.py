@@ -18,6 +18,7 @@ from softdyn.validation.mjcf.comparison.neutral import Neutral
 from softdyn.validation.mjcf.comparison.parameters import find_order, find_parameters
 from softdyn.validation.mjcf.comparison.result import (
     QUANTITIES,
+    ROUNDING,
     SHOWN,
     Cause,
     Comparison,
@@ -30,7 +31,6 @@ from softdyn.validation.mjcf.comparison.terms import States, Terms, evaluate, ra
 # kinds that affect M, bias, g or a tip; others are measured only by their values
 DYNAMIC = KINDS[: KINDS.index("gravity") + 1]
 LIGHTEST = 1e-6  # least inertia of a motion whose joints have inertia 1; smaller ones are rounding
-ROUNDING = 1e-5  # relative: two files with six significant digits differ by so much at most
 NAMED = 1e-6  # smallest effect, or relative difference of a value, of a named cause
 
 

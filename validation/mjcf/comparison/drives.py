@@ -83,7 +83,7 @@ def _tendons(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[F
                 "tendon", one.name, _path_values(one, other),
                 _path_words(one, other, error),
                 _with_tendon(other.name, terms=one.terms, path=one.path),
-                max(error, 1.0 if around else 0.0),
+                max(error, 1.0 if around else 0.0), printed=_terms_apart(one.terms, other.terms),
             )  # fmt: skip
         if (size := differ(one.armature, other.armature)) > 0:
             yield Finding(
@@ -120,6 +120,13 @@ def _tendons(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[F
         for field, values, size in told_apart(one.more, other.more, urdf=urdf):
             repair = _with_tendon(other.name, more=one.more)
             yield Finding("tendon", one.name, values, field, repair, size, urdf)
+
+
+def _terms_apart(ours: dict[str, float], theirs: dict[str, float]) -> float | None:
+    """The largest relative difference of two coefficients; None for paths."""
+    if not (ours and theirs):
+        return None
+    return max(differ(ours.get(joint, 0.0), theirs.get(joint, 0.0)) for joint in ours | theirs)
 
 
 def _stretch(tendon: NeutralTendon, lengths: np.ndarray) -> float:

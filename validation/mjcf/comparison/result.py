@@ -12,6 +12,7 @@ QUANTITIES = ("M", "bias", "g", "J")
 SHOWN = ("M", "bias", "g", "tip")  # the effects that sort the causes
 CAUSE_TITLES = ("M", "g", "tip", "kind", "where", "A", "B", "")
 CAUSE_FORMATS = (*[".1e"] * 3, *[""] * 5)
+ROUNDING = 1e-5  # relative: two files with six significant digits differ by so much at most
 EXPLAINED = 1e-9  # largest residual after the repair of all causes
 WIDEST = 48  # characters of a value in the table; JSON has the full value
 
@@ -225,6 +226,12 @@ class Comparison:
             steps = ({"": step.repaired, **step.left} for step in self.waterfall)
             parts.append(Table.of(left, steps).text())
         parts += [f"note: {note}" for note in self.notes]
+        small = sum(c.printed <= ROUNDING and not c.one_sided for c in self.causes)
+        if small and self.tolerance < ROUNDING:
+            parts.append(
+                f"note: {small} of the causes within {ROUNDING:g}, the rounding of six digits; "
+                f"--tolerance {ROUNDING:g} leaves them out"
+            )
         parts.append(self.verdict)
         return "\n\n".join(parts)
 

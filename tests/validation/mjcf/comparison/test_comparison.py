@@ -379,6 +379,7 @@ def test_a_difference_larger_than_rounding_shows_all_of_them(tmp_path, pair):
     result = compare(pair[0], saved)
     assert result.tolerance == 0.0
     assert {"mass", "pose"} <= set(kinds(result))
+    assert f"note: {len(result.causes) - 1} of the causes within 1e-05" in str(result)
     result = compare(pair[0], saved, tolerance=1e-5)
     assert kinds(result) == {"mass": 1}
     assert {cause.kind for cause in result.within} >= {"pose"}
