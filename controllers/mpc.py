@@ -240,9 +240,10 @@ class Mpc(GuardedController):
         reference : Reference or Callable[[float], Reference]
             A set point. A reference that moves has no targets.
         """
-        goals = self._aim.targets(first_of(reference))
+        now = first_of(reference)
+        goals = self._aim.targets(now)
         if self.targets is not None and not any(map(_moves, goals)):
-            self.targets.find(_numbers(goals), self._aim.tasks, first_of(reference), waits=True)
+            self.targets.find(_numbers(goals), self._aim.tasks, now, waits=True)
 
     @SILENT
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:

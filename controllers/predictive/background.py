@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import signal
 import subprocess
 import sys
 import warnings
@@ -102,8 +101,9 @@ class Job(Generic[Result]):
         environment = {**ONE_THREAD, **os.environ, "PYTHONPATH": path, "PYTHONSAFEPATH": "1"}
         command = [sys.executable, "-m", __name__]
         with subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment
-        ) as process:
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment,
+            start_new_session=True,  # Ctrl-C is for this process, with which the other ends
+        ) as process:  # fmt: skip
             self._process = process
             if self._cancelled:
                 process.kill()
@@ -130,7 +130,6 @@ def serve() -> None:
 
     It writes nothing if it cannot load the work.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, with whom it ends
     if hasattr(os, "nice"):
         os.nice(POLITE)
     answers, sys.stdout = sys.stdout.buffer, sys.stderr

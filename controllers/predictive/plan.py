@@ -238,6 +238,7 @@ class Plan:
         return command
 
 
+@np.errstate(all="ignore")  # paths that are no solution may overflow
 def make_plan(
     model: SoftModel, q: np.ndarray, v: np.ndarray, acting: np.ndarray,
     targets: Sequence[RestTarget], goal: np.ndarray | None = None, lag: float = 0.0,

@@ -166,6 +166,7 @@ class RestTargets:
         return self._late[key]
 
 
+@np.errstate(all="ignore")  # shapes far from any rest may overflow
 def targets_of(
     model: SoftModel,
     y: np.ndarray,

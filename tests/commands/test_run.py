@@ -17,7 +17,7 @@ KEYS = {
     "robot", "controller", "kind", "final_error_cm", "mse_cm2", "failed", "reason", "steps",
     "step_us", "not_solved", "fallbacks", "max_bound_violation", "verdict", "reached",
     "tolerance_cm", "steady_error_cm", "settling_time_s", "overshoot", "input_activity",
-    "share_at_bound", "input_effort", "missed_deadlines",
+    "share_at_bound", "input_effort", "missed_deadlines", "start",
 }  # fmt: skip
 OWN = """
 import math
