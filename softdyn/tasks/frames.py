@@ -23,7 +23,9 @@ from softdyn.tasks.rotations import axis_terms, pose_terms
 from softdyn.tasks.targets import Target
 from softdyn.tasks.task import Task, TaskError, check_target
 
-KINDS = (TaskKind.POSITION, TaskKind.ORIENTATION, TaskKind.POSE, TaskKind.AXIS)
+KINDS: tuple[TaskKind | None, ...] = (
+    TaskKind.POSITION, TaskKind.ORIENTATION, TaskKind.POSE, TaskKind.AXIS,
+)  # fmt: skip
 POINT, ORIENTATION, POSE, AXIS = range(4)  # their numbers in the kernel
 
 
@@ -280,16 +282,13 @@ class FrameStack:
 
     def _find(self, kinematics: LinkKinematics) -> None:
         """Collect the places of the frames in a model's bodies."""
-        found = [kinematics.place(task.link, task.point) for task in self._tasks]
-        own = np.zeros((len(found), 5, 3))
-        for k, (task, place) in enumerate(zip(self._tasks, found, strict=True)):
+        both = [(task, kinematics.place(task.link, task.point)) for task in self._tasks]
+        own = np.zeros((len(both), 5, 3))
+        for k, (task, place) in enumerate(both):
             own[k, :3], own[k, 3] = place.rotation, place.offset
             own[k, 4] = getattr(task, "axis", 0.0)
-        kinds = [KINDS.index(task.stated) for task in self._tasks if task.stated is not None]
-        self._places = (
-            np.column_stack((kinds, [place.body for place in found])),
-            np.array([place.moves for place in found]), own,
-        )  # fmt: skip
+        codes = np.array([(KINDS.index(task.stated), place.body) for task, place in both])
+        self._places = codes, np.array([place.moves for _, place in both]), own
         self._kinematics = kinematics
 
 
