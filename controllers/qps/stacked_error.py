@@ -20,8 +20,7 @@ from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.clf import make_clf
 from softdyn.controllers.qps.linear_algebra import dot
 from softdyn.controllers.qps.tip_error import TipError
-from softdyn.tasks.frame_stack import KINDS, FrameStack
-from softdyn.tasks.frames import PointTask
+from softdyn.tasks.frames import FrameStack, PointTask, frame_error
 from softdyn.tasks.task import Task, TaskError
 
 
@@ -101,9 +100,14 @@ class StackedError:
         self.rows = r
         self._levels = levels
         both = list(zip(self.tasks, self.parts, strict=True))
-        framed: list[Any] = [each for each in both if type(each[0]) in KINDS]
-        self._framed = FrameStack(*zip(*framed, strict=True)) if framed else None
-        self._others = [each for each in both if type(each[0]) not in KINDS]
+        framed: list[Any] = [each for each in both if type(each[0]).evaluate is frame_error]
+        rows = [
+            (k, row, part.start + i)
+            for k, (task, part) in enumerate(framed)
+            for i, row in enumerate(task.axes or range(part.stop - part.start))
+        ]
+        self._framed = FrameStack([task for task, _ in framed], rows) if framed else None
+        self._others = [each for each in both if each not in framed]
         weights = [
             np.broadcast_to(task.weight, size) for task, size in zip(self.tasks, sizes, strict=True)
         ]
@@ -143,7 +147,8 @@ class StackedError:
         """
         values, jacobian = self._found
         if self._framed is not None:
-            self._framed.fill(state, reference, values, jacobian)
+            self._framed.take_from(reference)
+            self._framed.fill(state, values, jacobian)
         for task, part in self._others:
             found = evaluated(task, part.stop - part.start, state, reference)
             values[0, part], values[1, part], jacobian[part], values[2, part] = found

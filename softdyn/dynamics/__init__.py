@@ -9,6 +9,7 @@
 - `tendons`: lengths, moment arms ∂ℓ/∂q of fixed and spatial tendons, and their gradients;
 - `coordinates`: places in q of each joint: continuous joints, floating bases;
 - `derivatives`: of accelerations and forces by q, q̇ and u; tangent and gravity stiffness;
+- `stops`: joint limits: which joints they hold, and the steps that they allow;
 - `text`: the text that ``print`` shows of a model or a State;
 - `integrators`: one time step, Runge–Kutta or with implicit damping.
 """

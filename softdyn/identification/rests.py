@@ -8,17 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from softdyn.actuation.capstan import Capstan
-from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.tree import tree_of
 from softdyn.identification.parameters import Parameter, columns_of
-from softdyn.identification.unknowns.kinds import Around, MotionSample, capstan_forces
-from softdyn.statics.equilibria import move, settle
-from softdyn.statics.equilibrium import Equilibrium, StaticsError
-
-NEWTON = 40  # iterations with friction, which bends at every joint's zero
-LARGEST = 0.2  # largest motion of a joint in one of them (rad, m)
-BALANCED = 1e-7  # residual over the largest force; friction has kinks
+from softdyn.identification.unknowns.kinds import Around, MotionSample
+from softdyn.statics.equilibria import newton, settle
+from softdyn.statics.friction import Rubbing, stated
+from softdyn.statics.stops import HardStops
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,15 +63,16 @@ def rests(
         u = row if way is None else _less(model, row, inputs.loss, way)
         rest = settle(model, u, inputs.guesses.get(u.tobytes(), start))
         start = inputs.guesses[u.tobytes()] = rest.q
-        sample = MotionSample(rest.state, np.zeros(n), u, around)
-        H = rest.stiffness
+        state, held, H, slid = rest.state, rest.held, rest.stiffness, None
         if way is not None:
-            sample = sample._replace(direction=_of_tendons(model, way))
+            slid = _of_tendons(model, way)
             if len(capstan.tendon):
-                sample, H = _with_friction(model, capstan, rest, sample)
-        path[k] = model.coordinates(sample.state.q)
+                friction = Rubbing(capstan, u, stated(slid[capstan.tendon], model))
+                here, H = newton(model, u, rest.q, HardStops.of(model), friction)
+                state, held = here.state, here.held
+        path[k] = model.coordinates(state.q)
         if count:
-            free = ~rest.held
+            sample, free = MotionSample(state, np.zeros(n), u, around, slid), ~held
             block = H[np.ix_(free, free)]
             by[k, free] = -np.linalg.solve(block, columns_of(unknowns, sample, count)[free])
     return path, by
@@ -107,35 +104,3 @@ def _directions(model: SoftModel, inputs: Inputs) -> np.ndarray:
         last = np.where(np.abs(change) > 1e-9, -np.sign(change), last)
         found[k], before = last, at.state.lengths[driven]
     return found
-
-
-def _with_friction(
-    model: SoftModel, capstan: Capstan, rest: Equilibrium, sample: MotionSample
-) -> tuple[MotionSample, np.ndarray]:
-    """The equilibrium near `rest` of cables that rub, and its tangent stiffness (n, n).
-
-    It is Newton's method on K + g - B u - τ = 0, with the friction τ in the sample's directions.
-    """
-    assert sample.direction is not None
-    ways = sample.direction[capstan.tendon]
-    u = sample.u
-    free = np.flatnonzero(~rest.held)
-    state, size, step = rest.state, np.inf, np.zeros(model.nv)
-    q = before = rest.q
-    for _ in range(NEWTON):
-        sample = sample._replace(state=state)
-        r = state.K + state.bias - state.B @ u - capstan_forces(sample, capstan)
-        left = float(np.abs(r[free]).max(initial=0.0))
-        scale = max(float(np.abs(state.B @ u).max(initial=0.0)), 1e-12)
-        if left < size:
-            size, before = left, q
-            H = stiffness(model, q, u) - capstan.derivatives(state, u, ways).q
-            if left <= BALANCED * scale:
-                return sample, H
-            step[free] = -np.linalg.solve(H[np.ix_(free, free)], r[free])
-            step *= min(1.0, LARGEST / float(np.abs(step).max()))
-        else:
-            step /= 2
-        q = move(model, before, step)
-        state = model.state(q, np.zeros(model.nv))
-    raise StaticsError(f"no equilibrium of {model.name} with its friction", size)

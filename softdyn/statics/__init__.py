@@ -28,18 +28,14 @@ branch
     `approach`: follows a branch of equilibria until the tip is near a point.
 friction
     Rests after a stated motion, and along a slow path, of robots whose cables rub.
-explore
-    Finds equilibria with the tip near a point, from arbitrary shapes.
-tip_solver
-    Solves for an equilibrium with the tip at a point, in milliseconds, from a shape near it.
+unknown_inputs
+    Equilibria at or near a target, from arbitrary shapes, with unknown inputs.
 samples
     Random inputs and shapes, and stable equilibria from them.
 reachable
     Targets that a robot can reach: points, paths, rates; directions of the tip in each cell.
-task_search
-    `inputs_for_tasks`: inputs that hold a pose or several points; residuals by task.
-tip_search
-    `inputs_for_tip`: uses `approach`, `explore` and random shapes.
+target_search
+    The search for inputs that hold a target: `inputs_for_tip`, `inputs_for_tasks`.
 zero_dynamics
     Rank of B, stiffness against gravity in directions without an input, poles of the zero dynamics.
 suspicious_values
@@ -53,7 +49,6 @@ from softdyn.statics.branch import approach
 from softdyn.statics.diagnosis import Diagnosis, diagnose
 from softdyn.statics.equilibria import balance, ramp, rest, settle
 from softdyn.statics.equilibrium import Equilibrium, StaticsError, potential, residual
-from softdyn.statics.explore import explore
 from softdyn.statics.friction import StuckRest, follow, rest_after, rest_interval
 from softdyn.statics.reachable import (
     Loop,
@@ -64,8 +59,13 @@ from softdyn.statics.reachable import (
 )
 from softdyn.statics.samples import random_inputs, random_shapes, sample_between, sample_rests
 from softdyn.statics.stops import HardStops, SoftStops
-from softdyn.statics.task_search import TaskSearch, inputs_for_tasks
-from softdyn.statics.tip_search import TipSearch, inputs_for_tip
+from softdyn.statics.target_search import (
+    TaskSearch,
+    TipSearch,
+    inputs_for_tasks,
+    inputs_for_tip,
+)
+from softdyn.statics.unknown_inputs import explore
 from softdyn.statics.zero_dynamics import zero_spectrum
 
 __all__ = [

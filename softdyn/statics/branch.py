@@ -7,12 +7,13 @@ from collections.abc import Callable
 import numpy as np
 
 from softdyn.checks import array, flag, instance, whole
-from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.model import SoftModel, State
 from softdyn.statics.equilibria import balance, check_stops, move
 from softdyn.statics.equilibrium import Equilibrium, StaticsError
 from softdyn.statics.stops import SoftStops
 
 REACHED = 1e-6  # m; a tip this close is at the target
+Measure = Callable[[State], tuple[np.ndarray, np.ndarray]]
 LARGEST_STEP = 0.3  # largest motion of a joint in one step along a branch (rad, m)
 
 
@@ -45,15 +46,17 @@ def approach(
     instance("start", start, Equilibrium, "an Equilibrium")
     target = array("target", target, (3,))
 
-    def from_target(here: Equilibrium) -> tuple[np.ndarray, np.ndarray]:
-        return here.y - target, here.state.J
+    return descend(start, tip_error(target), steps, soft, stay_stable=stay_stable)
 
-    return descend(start, from_target, steps, soft, stay_stable=stay_stable)
+
+def tip_error(target: np.ndarray) -> Measure:
+    """The error y - target of the tip (3,) in a state, and its Jacobian J."""
+    return lambda state: (state.y - target, state.J)
 
 
 def descend(
     start: Equilibrium,
-    measure: Callable[[Equilibrium], tuple[np.ndarray, np.ndarray]],
+    measure: Measure,
     steps: int = 60,
     soft: SoftStops | None = None,
     *,
@@ -66,7 +69,7 @@ def descend(
     start, steps, soft, stay_stable
         As in `approach`.
     measure : Callable
-        Equilibrium → error e (r,), zero at the target, and its Jacobian ∂e/∂q (r, nv).
+        State → error e (r,), zero at the target, and its Jacobian ∂e/∂q (r, nv).
     """
     from scipy.optimize import lsq_linear  # imported only here, because it is slow to import
 
@@ -76,7 +79,7 @@ def descend(
     scale = input_scale(model, start)
     low, high = model.u_min / scale, model.u_max / scale
     damping = 1e-3
-    error, jacobian = measure(here)
+    error, jacobian = measure(here.state)
     for _ in range(whole("steps", steps)):
         if np.linalg.norm(error) < REACHED / 100 or model.nu == 0:
             break
@@ -91,7 +94,7 @@ def descend(
         after = follow(here, np.clip(here.u + du, model.u_min, model.u_max), soft)
         if after is not None and stay_stable and not after.stable:
             after = None
-        left, turned = (error, jacobian) if after is None else measure(after)
+        left, turned = (error, jacobian) if after is None else measure(after.state)
         if after is not None and np.linalg.norm(left) < np.linalg.norm(error):
             gain = 1 - np.linalg.norm(left) / np.linalg.norm(error)
             here, error, jacobian = after, left, turned

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
 
 from softdyn.checks import array, instance
 from softdyn.dynamics.derivatives import stiffness
-from softdyn.dynamics.model import SoftModel, check_model
+from softdyn.dynamics.model import SoftModel, State, check_model
 from softdyn.dynamics.projection import Projection, underlying_tree
+from softdyn.dynamics.stops import Stops
 from softdyn.exceptions import InputError
 from softdyn.statics.equilibrium import ROUNDING, Equilibrium, StaticsError, potential
-from softdyn.statics.stops import HardStops, SoftStops, locked_joints
+from softdyn.statics.stops import HardStops, SoftStops
 
 TOLERANCE = 1e-10  # residual over the largest force
 LARGEST_STEP = 0.3  # largest motion of a joint in one iteration (rad, m), to stay in the basin
@@ -59,7 +60,7 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
         if _balanced(here, H):
             escape = _downhill(block, here.scale)
             if escape is None:
-                return _equilibrium(model, q, u, here, H)
+                return _equilibrium(model, u, here, H)
             step[free] = escape
             q = min(
                 (move(model, q, part * step) for part in (0.05, -0.05)),
@@ -88,7 +89,7 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
         damping = 0.0 if damping < 1e-9 else damping / 10
     here, H = _forces(model, q, u, stops), stiffness(model, q, u)
     if _balanced(here, H, 1e4):
-        return _equilibrium(model, q, u, here, H)
+        return _equilibrium(model, u, here, H)
     raise StaticsError(f"no stable equilibrium of {model.name} after {ITERATIONS} steps", here.left)
 
 
@@ -117,12 +118,43 @@ def balance(
     """
     u = array("u", u, (check_model(model).nu,))
     check_stops(model, soft)
-    stops = soft or HardStops.of(model)
+    here, H = newton(model, u, start, soft or HardStops.of(model))
+    return _equilibrium(model, u, here, H)
+
+
+class Friction(Protocol):
+    """Joint forces of cables that rub, for `newton`."""
+
+    def forces(self, state: State) -> np.ndarray:
+        """The forces (nv,) in a state at rest (N m, N)."""
+
+    def stiffness(self, state: State) -> np.ndarray:
+        """Their part in the tangent stiffness (nv, nv), -∂forces/∂q."""
+
+
+def newton(
+    model: SoftModel,
+    u: np.ndarray,
+    start: np.ndarray,
+    stops: HardStops | SoftStops,
+    friction: Friction | None = None,
+) -> tuple[Forces, np.ndarray]:
+    """Newton's method of `balance`, also with friction: K + g - B u - friction = 0.
+
+    Returns
+    -------
+    forces : Forces
+        The forces at the equilibrium.
+    stiffness : ndarray, (nv, nv)
+        The tangent stiffness, with those of the stops and of friction.
+    """
     q = _placed(model, start, stops)
-    here = _forces(model, q, u, stops)
+    here = _forces(model, q, u, stops, friction)
     for _ in range(60):
         at = model.coordinates(q)
         H = stiffness(model, q, u) + np.diag(stops.stiffness(at))
+        if friction is not None:
+            H += friction.stiffness(here.state)
         size = here.left
         if _balanced(here, H):
             break
@@ -133,7 +165,7 @@ def balance(
         step = _limited(step)
         for _ in range(12):
             after = model.integrate(q, stops.clip(at, step))
-            there = _forces(model, after, u, stops)
+            there = _forces(model, after, u, stops, friction)
             if np.linalg.norm(there.r - there.stops) < np.linalg.norm(r):
                 break
             step /= 2
@@ -141,8 +173,9 @@ def balance(
             break
         q, here = after, there
     if _balanced(here, H, 1e4):
-        return _equilibrium(model, q, u, here, H)
-    raise StaticsError(f"no equilibrium of {model.name} near the start", size)
+        return here, H
+    name = model.name if friction is None else f"{model.name} with friction"
+    raise StaticsError(f"no equilibrium of {name} near the start", size)
 
 
 def ramp(
@@ -204,6 +237,21 @@ def move(model: SoftModel, q: np.ndarray, step: np.ndarray) -> np.ndarray:
     return model.integrate(q, HardStops.of(model).clip(model.coordinates(q), step))
 
 
+class Forces(NamedTuple):
+    """The forces at a shape at rest."""
+
+    state: State
+    r: np.ndarray  # (nv,) K + g - B u - friction
+    scale: float  # size of the forces in r
+    stops: np.ndarray  # (nv,) force of the stops
+    held: np.ndarray  # (nv,) bool, joints that a stop holds
+
+    @property
+    def left(self) -> float:
+        """The largest unbalanced force."""
+        return float(np.abs(self.r - self.stops).max(initial=0.0))
+
+
 def check_stops(model: SoftModel, soft: SoftStops | None) -> None:
     """Refuse anything but `SoftStops` for the model's number of joints."""
     if soft is None:
@@ -216,32 +264,25 @@ def check_stops(model: SoftModel, soft: SoftStops | None) -> None:
 # -- inside --------------------------------------------------------------------------------------
 
 
-class _Forces(NamedTuple):
-    """The forces at a configuration."""
-
-    r: np.ndarray  # (nv,) K + g - B u
-    scale: float  # size of the forces in r
-    stops: np.ndarray  # (nv,) force of the stops
-    held: np.ndarray  # (nv,) bool, joints that a stop holds
-
-    @property
-    def left(self) -> float:
-        """The largest unbalanced force."""
-        return float(np.abs(self.r - self.stops).max(initial=0.0))
-
-
 def _forces(
-    model: SoftModel, q: np.ndarray, u: np.ndarray, stops: HardStops | SoftStops
-) -> _Forces:
+    model: SoftModel,
+    q: np.ndarray,
+    u: np.ndarray,
+    stops: HardStops | SoftStops,
+    friction: Friction | None = None,
+) -> Forces:
     state = model.state(q, np.zeros(model.nv))
-    # each cable counts alone, because cables that pull against each other sum up to rounding
-    forces = (state.K, state.bias, np.abs(state.B) @ np.abs(u))
-    scale = max(float(np.abs(force).max(initial=0.0)) for force in forces)
     r = state.K + state.bias - state.B @ u
-    return _Forces(r, max(scale, 1e-12), *stops.push(model.coordinates(q), r))
+    # each cable counts alone, because cables that pull against each other sum up to rounding
+    forces = [state.K, state.bias, np.abs(state.B) @ np.abs(u)]
+    if friction is not None:
+        forces.append(friction.forces(state))
+        r -= forces[-1]
+    scale = max(float(np.abs(force).max(initial=0.0)) for force in forces)
+    return Forces(state, r, max(scale, 1e-12), *stops.push(model.coordinates(q), r))
 
 
-def _balanced(here: _Forces, H: np.ndarray, times: float = 1.0) -> bool:
+def _balanced(here: Forces, H: np.ndarray, times: float = 1.0) -> bool:
     """Whether the residual is small beside the forces, or beside their change over a milliradian.
 
     The second test is for a robot that hangs straight down: all its forces are zero but for
@@ -305,10 +346,10 @@ def _downhill(H: np.ndarray, scale: float) -> np.ndarray | None:
     return direction / np.abs(direction).max()
 
 
-def _equilibrium(
-    model: SoftModel, q: np.ndarray, u: np.ndarray, here: _Forces, H: np.ndarray
-) -> Equilibrium:
+def _equilibrium(model: SoftModel, u: np.ndarray, here: Forces, H: np.ndarray) -> Equilibrium:
     # a joint that only touches its stop is free to leave it
     pressed = np.abs(here.stops) > ROUNDING * here.scale
-    held = here.held & (pressed | locked_joints(model.lower, model.upper))
-    return Equilibrium(model, q, u, held, np.where(here.held & ~held, 0.0, here.stops), H)
+    held = here.held & (pressed | Stops.of(model).locked)
+    return Equilibrium(
+        model, here.state.q, u, held, np.where(here.held & ~held, 0.0, here.stops), H
+    )

@@ -23,21 +23,17 @@ import numpy as np
 from softdyn.actuation.capstan import Capstan
 from softdyn.checks import array, instance, vector
 from softdyn.copies import Frozen
-from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.exceptions import InputError
-from softdyn.statics.equilibria import settle
+from softdyn.statics.equilibria import newton, settle
 from softdyn.statics.equilibrium import StaticsError
 from softdyn.statics.stops import HardStops
 
 STICK = 1e-10  # sliding up to which a cable sticks (m, or the unit of a fixed tendon's length)
 FALLING = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, STICK)
-TOLERANCE = 1e-9  # residual over the largest force
-ITERATIONS = 60
 HALVINGS = 4
 TURNED = 0.5  # a change of a guide's direction for which a step is divided
 PARTS = 16
-LARGEST_STEP = 0.2  # rad, m
 
 Direction = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
@@ -101,10 +97,9 @@ def rest_after(
     u = vector("u", u, model.nu)
     guides = len(capstan.tendon)
     one = not np.shape(direction)
-    stated = array("direction", direction, () if one else (guides,))
-    stated = np.broadcast_to(stated, (guides,))
+    given = array("direction", direction, () if one else (guides,))
     q = settle(model, u).q if start is None else array("start", start, (model.nq,))
-    return _solve(capstan, u, q, lambda _: (stated, np.zeros((guides, model.nv))))
+    return _solve(capstan, u, q, stated(np.broadcast_to(given, (guides,)), model))
 
 
 def rest_interval(capstan: Capstan, u: np.ndarray) -> tuple[StuckRest, StuckRest]:
@@ -186,70 +181,42 @@ def _step(capstan: Capstan, u: np.ndarray, before: np.ndarray) -> StuckRest:
 
 
 def _solve(capstan: Capstan, u: np.ndarray, q: np.ndarray, direction: Direction) -> StuckRest:
-    """Newton's method with a line search on the forces that are left."""
-    model, stops = capstan.model, HardStops.of(capstan.model)
-    q = model.configuration(stops.within(model.coordinates(q)))
-    here = _Balance.at(capstan, u, q, direction, stops)
-    for _ in range(ITERATIONS):
-        if here.left <= TOLERANCE * here.scale:
-            break
-        step = here.newton(capstan, u, direction)
-        step = stops.clip(model.coordinates(q), step)
-        step *= min(1.0, LARGEST_STEP / max(float(np.abs(step).max()), 1e-300))
-        part = 1.0
-        while part > 1e-6:
-            after = model.integrate(q, part * step)
-            there = _Balance.at(capstan, u, after, direction, stops)
-            if there.size < (1.0 - 1e-4 * part) * here.size:
-                break
-            part /= 2
-        q, here = after, there
-    if not here.left <= 1e3 * TOLERANCE * here.scale:
-        raise StaticsError(f"no rest of {model.name} with friction", here.left)
-    return StuckRest(here.state, u, here.direction, here.left)
+    """The rest near a shape, with the directions of sliding as a function of the shape."""
+    model = capstan.model
+    here, _ = newton(model, u, q, HardStops.of(model), Rubbing(capstan, u, direction))
+    return StuckRest(here.state, u, direction(here.state.q)[0], here.left)
 
 
 @dataclass(frozen=True, eq=False)
-class _Balance:
-    """The forces at a shape: what is left of them, and their size."""
+class Rubbing:
+    """The friction of cables under an input.
 
-    state: State
-    direction: np.ndarray
-    residual: np.ndarray
-    held: np.ndarray
-    scale: float
+    Attributes
+    ----------
+    capstan : Capstan
+        The guides.
+    u : ndarray, (nu,)
+        The input.
+    direction : Callable
+        Configuration → directions of sliding (guides,) and their Jacobian by q (guides, nv).
+    """
 
-    @classmethod
-    def at(
-        cls, capstan: Capstan, u: np.ndarray, q: np.ndarray, direction: Direction, stops: HardStops
-    ) -> _Balance:
-        model: SoftModel = capstan.model
-        state = model.state(q, np.zeros(model.nv))
-        d, _ = direction(q)
-        parts = state.K, state.g, state.B @ u, capstan.at(state).forces(u, d)
-        r = parts[0] + parts[1] - parts[2] - parts[3]
-        pushed, held = stops.push(model.coordinates(q), r)
-        scale = max(float(np.abs(part).max(initial=0.0)) for part in parts)
-        return cls(state, d, r - pushed, held, max(scale, 1e-12))
+    capstan: Capstan
+    u: np.ndarray
+    direction: Direction
 
-    @property
-    def left(self) -> float:
-        """Largest unbalanced force."""
-        return float(np.abs(self.residual).max(initial=0.0))
+    def forces(self, state: State) -> np.ndarray:
+        """The joint forces (nv,) at rest."""
+        return self.capstan.at(state).forces(self.u, self.direction(state.q)[0])
 
-    @property
-    def size(self) -> float:
-        """Norm of the unbalanced forces."""
-        return float(np.linalg.norm(self.residual))
+    def stiffness(self, state: State) -> np.ndarray:
+        """Their part in the tangent stiffness (nv, nv), -∂forces/∂q."""
+        d, by_q = self.direction(state.q)
+        slope = self.capstan.derivatives(state, self.u, d).q
+        slope += self.capstan.direction_gradients(state, self.u, d) @ by_q
+        return -slope
 
-    def newton(self, capstan: Capstan, u: np.ndarray, direction: Direction) -> np.ndarray:
-        """Newton's step (n,) of the joints that no stop holds."""
-        model, state = capstan.model, self.state
-        friction = capstan.derivatives(state, u, self.direction)
-        slope = stiffness(model, state.q, u) - friction.q
-        slope -= capstan.direction_gradients(state, u, self.direction) @ direction(state.q)[1]
-        free = np.flatnonzero(~self.held)
-        step = np.zeros(model.nv)
-        block = slope[np.ix_(free, free)]
-        step[free] = np.linalg.lstsq(block, -self.residual[free], rcond=1e-14)[0]
-        return step
+
+def stated(directions: np.ndarray, model: SoftModel) -> Direction:
+    """Directions of sliding (guides,) that no shape changes."""
+    return lambda _: (directions, np.zeros((len(directions), model.nv)))

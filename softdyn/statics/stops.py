@@ -13,14 +13,9 @@ import numpy as np
 from softdyn.checks import array, length
 from softdyn.copies import Frozen
 from softdyn.dynamics.model import SoftModel, check_model
+from softdyn.dynamics.stops import Stops
 
-TOUCHING = 1e-9  # a joint this close to a limit counts as at it (rad, m)
 NO_ROOM = 1e-6  # of an input's bounds; a narrower range counts as none
-
-
-def locked_joints(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Joints (nv,) bool whose limits (nv,) leave them one position."""
-    return upper - lower <= TOUCHING
 
 
 def locked_inputs(model: SoftModel) -> np.ndarray:
@@ -29,36 +24,12 @@ def locked_inputs(model: SoftModel) -> np.ndarray:
     return model.u_max - model.u_min <= NO_ROOM * np.maximum(size, 1e-3)
 
 
-@dataclass(frozen=True, eq=False)
-class HardStops(Frozen):
-    """Stops that balance any force that presses a joint against them.
-
-    Attributes
-    ----------
-    lower, upper : ndarray, (nv,)
-        The joint limits (rad, m).
-    """
-
-    lower: np.ndarray
-    upper: np.ndarray
-
-    @classmethod
-    def of(cls, model: SoftModel) -> HardStops:
-        """The stops of a robot."""
-        return cls(check_model(model).lower, model.upper)
-
-    def within(self, at: np.ndarray) -> np.ndarray:
-        """The closest coordinates (nv,) that the stops allow."""
-        return np.clip(at, self.lower, self.upper)
-
-    def clip(self, at: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """The part of a step (nv,) that the stops allow."""
-        return np.clip(step, np.minimum(self.lower - at, 0), np.maximum(self.upper - at, 0))
+class HardStops(Stops):
+    """Stops that balance any force that presses a joint against them."""
 
     def push(self, at: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Forces of the stops (nv,) that balance the residual r (nv,); held joints (nv,) bool."""
-        held = (at <= self.lower + TOUCHING) & (r > 0) | (at >= self.upper - TOUCHING) & (r < 0)
-        held |= locked_joints(self.lower, self.upper)
+        held = self.held(at, r)
         return np.where(held, r, 0.0), held
 
     def stiffness(self, at: np.ndarray) -> np.ndarray:
@@ -115,7 +86,7 @@ class SoftStops(Frozen):
     @cached_property
     def locked(self) -> np.ndarray:
         """Joints (nv,) bool without room between their limits; their stops are hard."""
-        return locked_joints(self.lower, self.upper)
+        return Stops(self.lower, self.upper).locked
 
     def _gaps(self, at: np.ndarray) -> tuple[np.ndarray, ...]:
         """Distances (nv,) to both limits; 1 for a locked joint."""

@@ -6,7 +6,6 @@
 
 - `task`: the contract `Task`, one class with one method; a user's own task is such a class;
 - `frames`: tasks of a link's frame: `PointTask`, `OrientationTask`, `PoseTask`, `AxisTask`;
-- `frame_stack`: the errors of several such tasks in one kernel;
 - `shape`: `ShapeTask`, `JointTask` and `StrainTask`, of the whole arm;
 - `targets`: targets and paths of them, stacked by the tasks' names;
 - `marks`: targets as rows of numbers, for logs, pages and the mouse;

@@ -1,23 +1,32 @@
 """Tasks of a link's frame: a point, an orientation, a pose, a direction.
 
-All errors, targets and rates are in the world's axes; see `rotations` for those of angles.
+All errors, targets and rates are in the world's axes; see `rotations` for those of angles. One
+kernel computes the errors of several tasks. At these sizes Python and the calls of kernels cost
+more than the arithmetic.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from softdyn.checks import array, unit
+from softdyn.compiled import compiled
 from softdyn.description.stated_task import TaskKind
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.exceptions import InputError
-from softdyn.tasks.link_motion import LinkKinematics, LinkMotion
-from softdyn.tasks.rotations import SERIES, axis_terms, orientation_terms, pose_terms
+from softdyn.tasks.link_motion import LinkKinematics, LinkMotion, frame_motion
+from softdyn.tasks.rotations import axis_terms, pose_terms
 from softdyn.tasks.targets import Target
 from softdyn.tasks.task import Task, TaskError, check_target
+
+KINDS: tuple[TaskKind | None, ...] = (
+    TaskKind.POSITION, TaskKind.ORIENTATION, TaskKind.POSE, TaskKind.AXIS,
+)  # fmt: skip
+POINT, ORIENTATION, POSE, AXIS = range(4)  # their numbers in the kernel
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +68,27 @@ class FrameTask(Task):
         check_target(self, target, *self.goal)
 
 
+def frame_error(task: FrameTask, state: State, target: Any) -> TaskError:
+    """The error of a task of a `stated` kind, all rows of it.
+
+    Raises
+    ------
+    InputError
+        For a target of another kind, or a link that the robot does not have.
+    """
+    size = task.size or 0
+    values, jacobian = np.empty((3, size)), np.empty((size, len(state.v)))
+    stack = FrameStack((task,), [(0, row, row) for row in range(size)])
+    stack.take(0, target)
+    stack.fill(state, values, jacobian)
+    return TaskError(values[0], values[1], jacobian, values[2])
+
+
 @dataclass(frozen=True, eq=False)
 class PointTask(FrameTask):
     """A point of a link at a point of the world: e = p - p_r (m). Its name is the link's.
+
+    Its target is a `Reference`, or a `Target` of shape (3,).
 
     Attributes
     ----------
@@ -91,43 +118,29 @@ class PointTask(FrameTask):
         """True: a plain `Reference` is a point's target."""
         return True
 
-    def evaluate(self, state: State, target: Any) -> TaskError:
-        """Error against a `Reference`, or a `Target` of shape (3,)."""
-        self.check(target)
-        at = self.motion(state)
-        return TaskError(
-            at.position - target.y,
-            at.velocity[:3] - target.ydot,
-            at.jacobian[:3],
-            at.drift[:3] - target.yddot,
-        )
+    evaluate = frame_error
 
 
 @dataclass(frozen=True, eq=False)
 class OrientationTask(FrameTask):
-    """A link's axes along given ones: e = log₃(R R_rᵀ) (rad). Its name is LINK.orientation."""
+    """A link's axes along given ones: e = log₃(R R_rᵀ) (rad). Its name is LINK.orientation.
+
+    Its target is a `Target` of shape (3, 3), a rotation with its ω and ω̇.
+    """
 
     size = 3
     units = ("rad",)
     suffix = ".orientation"
     stated = TaskKind.ORIENTATION
     goal = ("a rotation", (3, 3))
-
-    def evaluate(self, state: State, target: Any) -> TaskError:
-        """Error against a `Target` of shape (3, 3), a rotation with its ω and ω̇."""
-        self.check(target)
-        at = self.motion(state)
-        found = _empty(3, state)
-        orientation_terms(
-            at.rotation, at.jacobian[3:], at.velocity[3:], at.drift[3:],
-            target.y, target.ydot, target.yddot, SERIES, *found,
-        )  # fmt: skip
-        return found
+    evaluate = frame_error
 
 
 @dataclass(frozen=True, eq=False)
 class PoseTask(FrameTask):
     """A frame of a link at a given pose: log₆ about the target's origin. Its name is LINK.pose.
+
+    The error (6,) has the translation first. Its target is a `Target` of shape (4, 4).
 
     Attributes
     ----------
@@ -148,16 +161,7 @@ class PoseTask(FrameTask):
         object.__setattr__(self, "point", point)
         super().__post_init__()
 
-    def evaluate(self, state: State, target: Any) -> TaskError:
-        """Error (6,), translation first, against a `Target` of shape (4, 4)."""
-        self.check(target)
-        at = self.motion(state)
-        found = _empty(6, state)
-        pose_terms(
-            at.rotation, at.position, at.jacobian, at.velocity, at.drift,
-            target.y, target.ydot, target.yddot, SERIES, *found,
-        )  # fmt: skip
-        return found
+    evaluate = frame_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +169,7 @@ class AxisTask(FrameTask):
     """A direction of a link along one of the world, free to turn about it. Its name is LINK.axis.
 
     The error (rad) is the shortest turn from the target to the direction. Of its three rows two are
-    independent.
+    independent. Its target is a `Target` of shape (3,), a unit vector with its two rates.
 
     Attributes
     ----------
@@ -195,21 +199,141 @@ class AxisTask(FrameTask):
             expected = "a unit vector"
             raise InputError(f"target of {self.name!r}", expected, repr(target.y.tolist()))
 
-    def evaluate(self, state: State, target: Any) -> TaskError:
-        """Error against a `Target` of shape (3,), a unit vector with its two rates."""
-        self.check(target)
-        at = self.motion(state)
-        found = _empty(3, state)
-        axis_terms(
-            at.rotation @ self.axis, at.jacobian[3:], at.velocity[3:], at.drift[3:],
-            target.y, target.ydot, target.yddot, *found,
+    evaluate = frame_error
+
+
+class FrameStack:
+    """The errors of several tasks of frames.
+
+    Parameters
+    ----------
+    tasks : sequence of FrameTask
+        Tasks of a `stated` kind.
+    rows : sequence of (int, int, int)
+        The rows to be filled, task by task: the task's index, the row of its error, and that of the
+        arrays.
+    """
+
+    def __init__(self, tasks: Sequence[FrameTask], rows: Sequence[tuple[int, int, int]]) -> None:
+        self._tasks, self._rows = tuple(tasks), np.array(rows)
+        count = len(self._tasks)
+        # the targets: poses and rotations, and before their rates points and directions
+        self._poses, self._motions = np.zeros((count, 4, 4)), np.zeros((count, 3, 6))
+        self._held: list[Any] = [None] * count
+        self._kinematics: LinkKinematics | None = None
+        self._places: Any = ()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return FrameStack, (self._tasks, self._rows)
+
+    def take_from(self, reference: Any) -> None:
+        """Check and copy the targets of a reference, unless they are those of the last one.
+
+        Raises
+        ------
+        InputError
+            For a target that is missing or of another kind.
+        """
+        for k, task in enumerate(self._tasks):
+            target = task.target_in(reference)
+            if target is not self._held[k]:
+                self.take(k, target)
+
+    def take(self, k: int, target: Any) -> None:
+        """Check and copy the target of task k.
+
+        Raises
+        ------
+        InputError
+            For a target of another kind.
+        """
+        self._tasks[k].check(target)
+        goal, y = self._motions[k], target.y
+        first = 3 if y.shape == (3, 3) else 0
+        if y.ndim == 1:
+            goal[0, :3] = y
+        else:
+            self._poses[k, : len(y), : len(y)] = y
+        goal[1, first : first + len(target.ydot)] = target.ydot
+        goal[2, first : first + len(target.yddot)] = target.yddot
+        self._held[k] = target
+
+    def fill(self, state: State, values: np.ndarray, jacobian: np.ndarray) -> None:
+        """Write error, rate and drift of the rows into `values` (3, r), and J (r, n).
+
+        Raises
+        ------
+        InputError
+            For a link that the robot does not have.
+        """
+        kinematics = LinkKinematics.of(state.model)
+        if kinematics is not self._kinematics:
+            self._find(kinematics)
+        S = kinematics.S
+        into = jacobian if S is None else np.empty((len(jacobian), len(S)))
+        arguments: Any = (
+            *kinematics.engine(state), *self._places, self._poses, self._motions, self._rows,
+            values, into,
         )  # fmt: skip
-        return found
+        _fill(*arguments)
+        if S is not None:
+            rows = self._rows[:, 2]
+            jacobian[rows] = into[rows] @ S
+
+    def _find(self, kinematics: LinkKinematics) -> None:
+        """Collect the places of the frames in a model's bodies."""
+        both = [(task, kinematics.place(task.link, task.point)) for task in self._tasks]
+        own = np.zeros((len(both), 5, 3))
+        for k, (task, place) in enumerate(both):
+            own[k, :3], own[k, 3] = place.rotation, place.offset
+            own[k, 4] = getattr(task, "axis", 0.0)
+        codes = np.array([(KINDS.index(task.stated), place.body) for task, place in both])
+        self._places = codes, np.array([place.moves for _, place in both]), own
+        self._kinematics = kinematics
 
 
-def _empty(rows: int, state: State) -> TaskError:
-    values = np.empty((3, rows))
-    return TaskError(values[0], values[1], np.empty((rows, len(state.v))), values[2])
+@compiled
+def _fill(
+    S, rotations, translations, v, base, free, codes, moves, own, poses, motions, rows,
+    values, jacobian,
+):  # fmt: skip
+    n, x = len(v), 0
+    rotation, p, a, six = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((6, n))
+    velocity, drift, found = np.empty(6), np.empty(6), np.zeros((9, 6))
+    for k in range(len(codes)):
+        kind, goal = codes[k, 0], motions[k]
+        frame_motion(
+            S, rotations, translations, v, base, free, codes[k, 1], moves[k], own[k, :3],
+            own[k, 3], rotation, p, six, velocity, drift,
+        )  # fmt: skip
+        if kind == POINT:
+            for i in range(3):
+                found[0, i], found[1, i] = p[i] - goal[0, i], velocity[i] - goal[1, i]
+                found[2, i] = drift[i] - goal[2, i]
+        elif kind == AXIS:
+            for i in range(3):
+                a[i] = 0.0
+                for j in range(3):
+                    a[i] += rotation[i, j] * own[k, 4, j]
+            axis_terms(a, velocity[3:], drift[3:], goal[0, :3], goal[1, :3], goal[2, :3], found)
+        else:
+            if kind == ORIENTATION:
+                poses[k, :3, 3] = p
+            pose_terms(rotation, p, velocity, drift, poses[k], goal[1], goal[2], found)
+        while x < len(rows) and rows[x, 0] == k:
+            i, j = rows[x, 1], rows[x, 2]
+            if kind == ORIENTATION:
+                i += 3
+            for part in range(3):
+                values[part, j] = found[part, i]
+            for column in range(n):
+                if kind == POINT:
+                    jacobian[j, column] = six[i, column]
+                    continue
+                jacobian[j, column] = 0.0
+                for part in range(6):
+                    jacobian[j, column] += found[3 + part, i] * six[part, column]
+            x += 1
 
 
 def tasks_of(model: SoftModel) -> list[Task]:

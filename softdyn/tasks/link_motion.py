@@ -1,18 +1,17 @@
 """Motion of points and frames of any link at a State: pose, Jacobian, velocity and J̇ q̇.
 
-Joint Jacobian columns are S_k = (v_k; ω_k) about the world's origin, as in
-`softdyn.dynamics.kernels`. A body has the twist (V; W) = Σ S_k q̇_k and, at q̈ = 0, the acceleration
-(a; α) = Σ Ṡ_k q̇_k over the joints that move it. For a point p of the body follows
+Pinocchio gives the joint Jacobian columns S_k = (v_k; ω_k) about the world's origin, and the places
+of the bodies. A body has the twist (V; W) = Σ S_k q̇_k over the joints that move it. At q̈ = 0 its
+acceleration is (a; α) = Σ (twist before joint k) × S_k q̇_k. For a point p of the body follows
 
     ṗ = V + W × p,    J̇ q̇ = a + α × p + W × ṗ.
 
-A State has no kinematics of its links but the tip's. They are computed when a task first needs
-them, and kept for the last State of each thread.
+They come from one kernel, because Pinocchio's own functions of frames would make a control step
+with tasks 1.2 to 1.4 times as long by their calls from Python.
 """
 
 from __future__ import annotations
 
-import threading
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,10 +19,11 @@ import pinocchio as pin
 
 from softdyn.checks import did_you_mean
 from softdyn.compiled import compiled
-from softdyn.dynamics.engine import joint_tree, moved_bodies
+from softdyn.dynamics.engine import BASE, moved_bodies
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.dynamics.projection import underlying_tree
 from softdyn.exceptions import InputError
+from softdyn.tasks.rotations import cross_twists
 
 ZERO = np.zeros(3)
 ZERO.flags.writeable = False
@@ -53,16 +53,6 @@ class LinkMotion(NamedTuple):
     drift: np.ndarray
 
 
-class BodyKinematics(NamedTuple):
-    """Kinematics of all bodies of a tree at a State, in arrays of their own."""
-
-    S: np.ndarray  # (n, 6)
-    rotations: np.ndarray  # (bodies, 3, 3)
-    translations: np.ndarray  # (bodies, 3)
-    twists: np.ndarray  # (bodies, 6)
-    accelerations: np.ndarray  # (bodies, 6)
-
-
 class FramePlace(NamedTuple):
     """A frame of a link in the moving body that carries it."""
 
@@ -84,20 +74,13 @@ class LinkKinematics:
     ----------
     S : ndarray, (nt, n), or None
         The projection of a reduced model onto its tree's nt degrees of freedom.
-    columns : ndarray of int, (nt, 2)
-        See `softdyn.dynamics.engine.joint_tree`.
-    count : int
-        Number of bodies, the world included.
     """
 
     def __init__(self, model: SoftModel) -> None:
-        self._model = model
+        self._model: Any = model
         self._tree, self.S = underlying_tree(model)
         self._moves = moved_bodies(self._tree.pin_model)
-        self.columns = joint_tree(self._tree.pin_model)
-        self.count = self._moves.shape[1]
         self._places: dict[tuple[str, tuple[float, ...]], FramePlace] = {}
-        self._last = threading.local()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return LinkKinematics, (self._model,)
@@ -122,15 +105,14 @@ class LinkKinematics:
             For a link that the robot does not have.
         """
         place = self.place(link, point)
-        bodies = self.bodies(state)
         rotation, position, six = np.empty((3, 3)), np.empty(3), np.empty((6, len(self._moves)))
-        rates = np.empty((2, 6))
-        frame_motion(*bodies, *place, rotation, position, six, rates)
-        if self._tree.chart.floating:
-            position += self.base(state)
-        if self.S is not None:
-            six = six @ self.S
-        return LinkMotion(rotation, position, six, rates[0], rates[1])
+        velocity, drift = np.empty(6), np.empty(6)
+        arguments: Any = (
+            *self.engine(state), *place, rotation, position, six, velocity, drift,
+        )  # fmt: skip
+        frame_motion(*arguments)
+        six = six if self.S is None else six @ self.S
+        return LinkMotion(rotation, position, six, velocity, drift)
 
     def place(self, link: str, point: tuple[float, ...]) -> FramePlace:
         """The place of a link's frame, moved to `point` (m) of it, in the body that carries it.
@@ -142,46 +124,19 @@ class LinkKinematics:
         """
         return self._places.get((link, point)) or self._find(link, point)
 
-    def bodies(self, state: State) -> BodyKinematics:
-        """The kinematics of all bodies; another State's overwrite them."""
-        last = self._last
-        if getattr(last, "state", None) is not state:
-            # the arrays of the State before are used again; the world's rows in them stay zero
-            last.bodies = self._bodies(state, getattr(last, "bodies", None))
-            last.state = state
-        found: BodyKinematics = last.bodies
-        return found
+    def engine(self, state: State) -> tuple[Any, ...]:
+        """Arguments of `frame_motion`, views of the engine among them: use them at once.
 
-    def engine(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Its tree's Jacobian columns, rotations and translations, views of the engine; then v."""
-        v = state.v if self.S is None else self.S @ state.v
-        S, rotations, translations = self._tree.kinematics(self._configuration(state))
-        return S, rotations, translations, v
-
-    def base(self, state: State) -> np.ndarray:
-        """The place (3,) of a floating base, which `bodies` leave out; else zero."""
-        if not self._tree.chart.floating:
-            return ZERO
-        return self._configuration(state)[:3]
-
-    def _configuration(self, state: State) -> np.ndarray:
-        """That of the tree."""
-        if self.S is None:
-            return state.q
-        model: Any = state.model
-        found: np.ndarray = model.expand(state.q)
-        return found
-
-    def _bodies(self, state: State, bodies: BodyKinematics | None) -> BodyKinematics:
-        S, rotations, translations, v = self.engine(state)
-        if bodies is None:
-            count = self.count
-            bodies = BodyKinematics(
-                np.empty((len(v), 6)), np.empty((count, 3, 3)), np.empty((count, 3)),
-                np.zeros((count, 6)), np.zeros((count, 6)),
-            )  # fmt: skip
-        _kinematics(S, rotations, translations, self.columns, v, *bodies)
-        return bodies
+        They are the tree's Jacobian columns (nt, 6), the bodies' rotations and translations, the
+        tree's velocity (nt,), and the place (3,) and number of degrees of freedom of a floating
+        base, which the others leave out.
+        """
+        q, v = state.q, state.v
+        if self.S is not None:
+            q, v = self._model.expand(q), self.S @ v
+            q.flags.writeable = v.flags.writeable = False  # like those of a State
+        base, free = (q[:3], len(BASE)) if self._tree.chart.floating else (ZERO, 0)
+        return (*self._tree.kinematics(q), v, base, free)
 
     def _find(self, link: str, point: tuple[float, ...]) -> FramePlace:
         names = [each.name for each in self._tree.robot.links]
@@ -201,71 +156,38 @@ class LinkKinematics:
 
 
 @compiled
-def _kinematics(
-    columns, rotations_in, translations_in, tree, v,
-    S, rotations, translations, twists, accelerations,
-):  # fmt: skip
-    """Copy the engine's results; add the twists, and the accelerations at q̈ = 0."""
-    for b in range(len(translations)):
-        for i in range(3):
-            translations[b, i] = translations_in[b, i]
-            for j in range(3):
-                rotations[b, i, j] = rotations_in[b, i, j]
-    for k in range(len(v)):
-        for x in range(6):
-            S[k, x] = columns[k, x]
-    body_rates(S, tree, v, twists, accelerations)
-
-
-@compiled
-def body_rates(S, tree, v, twists, accelerations):
-    """Write the twists and the accelerations at q̈ = 0, both (bodies, 6); the world's are zero."""
-    n = len(v)
-    for k in range(n):
-        for x in range(6):
-            twists[tree[k, 0], x] = twists[tree[k, 1], x] + S[k, x] * v[k]
-    for k in range(n):
-        twist, rate = twists[tree[k, 0]], v[k]
-        vx, vy, vz, wx, wy, wz = twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]
-        a, b, c, d, e, f = S[k, 0], S[k, 1], S[k, 2], S[k, 3], S[k, 4], S[k, 5]
-        own, before = accelerations[tree[k, 0]], accelerations[tree[k, 1]]
-        own[0] = before[0] + rate * (wy * c - wz * b + vy * f - vz * e)
-        own[1] = before[1] + rate * (wz * a - wx * c + vz * d - vx * f)
-        own[2] = before[2] + rate * (wx * b - wy * a + vx * e - vy * d)
-        own[3] = before[3] + rate * (wy * f - wz * e)
-        own[4] = before[4] + rate * (wz * d - wx * f)
-        own[5] = before[5] + rate * (wx * e - wy * d)
-
-
-@compiled
 def frame_motion(
-    S, rotations, translations, twists, accelerations, body, moves, own, offset,
-    rotation, position, jacobian, rates,
+    S, rotations, translations, v, base, free, body, moves, own, offset,
+    rotation, position, jacobian, velocity, drift,
 ):  # fmt: skip
     """Write the motion of a frame, its pose in its body given by `own` and `offset`."""
-    R, p = rotations[body], np.empty(3)
+    p, twist, rate, turned = np.empty(3), np.zeros(6), np.zeros(6), np.empty(6)
     for i in range(3):
         p[i] = translations[body, i]
         for j in range(3):
-            p[i] += R[i, j] * offset[j]
-            rotation[i, j] = R[i, 0] * own[0, j] + R[i, 1] * own[1, j] + R[i, 2] * own[2, j]
-        position[i] = p[i]
-    for k in range(len(S)):
-        if moves[k]:
-            d, e, f = S[k, 3], S[k, 4], S[k, 5]
-            jacobian[0, k] = S[k, 0] + e * p[2] - f * p[1]
-            jacobian[1, k] = S[k, 1] + f * p[0] - d * p[2]
-            jacobian[2, k] = S[k, 2] + d * p[1] - e * p[0]
-            jacobian[3, k], jacobian[4, k], jacobian[5, k] = d, e, f
-        else:
-            for i in range(6):
-                jacobian[i, k] = 0.0
-    V, A = twists[body], accelerations[body]
+            p[i] += rotations[body, i, j] * offset[j]
+            rotation[i, j] = 0.0
+            for k in range(3):
+                rotation[i, j] += rotations[body, i, k] * own[k, j]
+        position[i] = base[i] + p[i]
+    velocity[:] = 0.0
+    for k in range(len(v)):
+        if not moves[k]:
+            jacobian[:, k] = 0.0
+            continue
+        if k >= free:  # before a floating base nothing moves
+            cross_twists(twist, S[k], turned)
+            for x in range(6):
+                rate[x] += turned[x] * v[k]
+        for i in range(3):
+            j, m = (i + 1) % 3, (i + 2) % 3
+            jacobian[i, k] = S[k, i] + S[k, 3 + j] * p[m] - S[k, 3 + m] * p[j]
+            jacobian[3 + i, k] = S[k, 3 + i]
+        for x in range(6):
+            twist[x] += S[k, x] * v[k]
+            velocity[x] += jacobian[x, k] * v[k]
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        rates[0, i] = V[i] + V[3 + j] * p[k] - V[3 + k] * p[j]
-        rates[0, 3 + i], rates[1, 3 + i] = V[3 + i], A[3 + i]
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        rates[1, i] = A[i] + A[3 + j] * p[k] - A[3 + k] * p[j]
-        rates[1, i] += V[3 + j] * rates[0, k] - V[3 + k] * rates[0, j]
+        drift[3 + i] = rate[3 + i]
+        drift[i] = rate[i] + rate[3 + j] * p[k] - rate[3 + k] * p[j]
+        drift[i] += velocity[3 + j] * velocity[k] - velocity[3 + k] * velocity[j]

@@ -1,21 +1,27 @@
 """Errors of orientations, poses and directions with two exact derivatives, in the world's axes.
 
 Let R be the rotation of a link and R_r that of its target. E = R R_rᵀ turns the target into the
-link, and its angular velocity is Ω = ω - E ω_r. The error is the rotation vector e = log E, of an
-angle θ ≤ π. With A(e) = I - ½ [e] + c [e]², the inverse of the left Jacobian of exp,
+link. With d = p - p_r the motion (E, d) moves the target's frame to the link's, about the target's
+origin. The error of a pose is log₆ of this motion, ξ = (x, e). e = log₃ E is that of an
+orientation.
 
-    ė = A Ω,    ë = A Ω̇ + Ȧ Ω,    Ω̇ = ω̇ - Ω × E ω_r - E ω̇_r.
+The motion has the twist ν = (ḋ - Ω × d, Ω), with Ω = ω - E ω_r. With A(ξ), the inverse of the left
+Jacobian of exp₆, and × the cross product of twists,
 
-c(θ²) = (1 - ½θ cot ½θ) / θ² is a power series, regular up to θ = 2π (Solà et al. 2018, eqs. 146
-and 147). A pose adds x = A d, d = p - p_r: (x, e) is log₆ of the motion from the target to the
-link, about the target's origin.
+    ξ̇ = A ν,    ξ̈ = A ν̇ + Ȧ ν,    A ν = ν - ½ ξ × ν + C ξ × (ξ × ν).
 
-At θ = π both turns are equally short. Within `TURN` of it the branch is that whose axis has a
-positive first component that is not zero.
+C is a dual number, as a twist is a vector of dual numbers: its real part multiplies both parts of a
+twist, and its dual part adds that multiple of the angular part to the linear one. The real part is
+c(θ²) = (1 - ½θ cot ½θ) / θ², a power series regular up to θ = 2π (Solà et al. 2018, eqs. 146 and
+147). The dual part is 2 c' e·x, because ξ·ξ = θ² + ε 2 e·x.
 
 A direction a has the error e = θ n along n = d × a / |d × a|, the shortest turn from its target d
-to a. Within `TURN` of -d the turn has no direction. There n is d × the world's axis with the
-smallest component of d, and only the motion about n counts, so that all terms stay finite.
+to a.
+
+At θ = π both turns are equally short. Within `TURN` of it the branch of an orientation is that
+whose axis has a positive first component that is not zero. The turn to a direction within `TURN` of
+-d has no axis. There n is d × the world's axis with the smallest component of d, and only the
+motion about n counts, so that all terms stay finite.
 """
 
 from __future__ import annotations
@@ -26,7 +32,6 @@ from scipy.special import zeta
 from softdyn.compiled import compiled
 
 TURN = 1e-9  # rad; an angle this close to π counts as π
-
 
 # coefficients of c in θ²: 2 ζ(2k) / (2π)^(2k), k = 1, 2, …
 SERIES = 2 * zeta(2.0 * np.arange(1, 33)) / (2 * np.pi) ** (2 * np.arange(1, 33))
@@ -67,257 +72,168 @@ def log3(R: np.ndarray, e: np.ndarray) -> None:
 
 
 @compiled
-def _c(s, series):
-    """c, c' and c'' at s = θ²."""
-    c = c1 = c2 = 0.0
+def _taylor(series, s):
+    """A power series and its first two derivatives at s."""
+    f = f1 = f2 = 0.0
     for k in range(len(series) - 1, -1, -1):
-        c2 = c2 * s + 2 * c1
-        c1 = c1 * s + c
-        c = c * s + series[k]
-    return c, c1, c2
-
-
-# Vectors inside the kernels are tuples, because an array of three costs more than its arithmetic.
+        f2 = f2 * s + 2 * f1
+        f1 = f1 * s + f
+        f = f * s + series[k]
+    return f, f1, f2
 
 
 @compiled
-def _vector(a):
-    return a[0], a[1], a[2]
-
-
-@compiled
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@compiled
-def _dot3(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@compiled
-def _plus(a, scale, b):
-    """a + scale b."""
-    return a[0] + scale * b[0], a[1] + scale * b[1], a[2] + scale * b[2]
-
-
-@compiled
-def _put(a, out):
-    out[0], out[1], out[2] = a
-
-
-@compiled
-def _turned(E, a):
-    """E a, of a matrix (3, 3) as an array."""
-    return _dot3(_vector(E[0]), a), _dot3(_vector(E[1]), a), _dot3(_vector(E[2]), a)
-
-
-@compiled
-def _apply(e, c, x):
-    """A x = x - ½ e × x + c e × (e × x)."""
-    once = _cross(e, x)
-    return _plus(_plus(x, -0.5, once), c, _cross(e, once))
-
-
-@compiled
-def _apply_rate(e, edot, c, cdot, x):
-    """Ȧ x = -½ ė × x + ċ e × (e × x) + c (ė × (e × x) + e × (ė × x))."""
-    along, moving = _cross(e, x), _cross(edot, x)
-    found = _plus((-0.5 * moving[0], -0.5 * moving[1], -0.5 * moving[2]), cdot, _cross(e, along))
-    return _plus(_plus(found, c, _cross(edot, along)), c, _cross(e, moving))
-
-
-@compiled
-def orientation_terms(
-    R: np.ndarray, J: np.ndarray, omega: np.ndarray, drift: np.ndarray,
-    Rr: np.ndarray, omega_r: np.ndarray, alpha_r: np.ndarray, series: np.ndarray,
-    error: np.ndarray, rate: np.ndarray, rows: np.ndarray, rest: np.ndarray,
-) -> None:  # fmt: skip
-    """Write the error of an orientation, its rate, Jacobian and drift.
-
-    Parameters
-    ----------
-    R : ndarray, (3, 3)
-        Rotation of the link.
-    J, omega, drift : ndarray, (3, n), (3,), (3,)
-        Its angular Jacobian, angular velocity and angular acceleration at q̈ = 0.
-    Rr, omega_r, alpha_r : ndarray, (3, 3), (3,), (3,)
-        The target's rotation, angular velocity and acceleration.
-    series : ndarray
-        `SERIES`.
-    error, rate, rows, rest : ndarray, (3,), (3,), (3, n), (3,)
-        Filled: e, ė, and the two parts in ë = rows q̈ + rest.
-    """
-    E = np.empty((3, 3))
+def cross_twists(a, b, out):
+    """Write a × b of two twists, linear parts first."""
     for i in range(3):
-        for j in range(3):
-            E[i, j] = R[i, 0] * Rr[j, 0] + R[i, 1] * Rr[j, 1] + R[i, 2] * Rr[j, 2]
-    turned = _turned(E, _vector(omega_r))
-    Omega = _plus(_vector(omega), -1.0, turned)
-    # Ω̇ without its part J q̈
-    turning = _plus(_vector(drift), -1.0, _turned(E, _vector(alpha_r)))
-    turning = _plus(turning, -1.0, _cross(Omega, turned))
-    log3(E, error)
-    e = _vector(error)
-    c, c1, _ = _c(_dot3(e, e), series)
-    edot = _apply(e, c, Omega)
-    bent = _apply_rate(e, edot, c, 2 * c1 * _dot3(e, edot), Omega)
-    _put(edot, rate)
-    _put(_plus(bent, 1.0, _apply(e, c, turning)), rest)
-    _multiply(
-        _apply(e, c, (1.0, 0.0, 0.0)), _apply(e, c, (0.0, 1.0, 0.0)), _apply(e, c, (0.0, 0.0, 1.0)),
-        J, rows,
-    )  # fmt: skip
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[i] = a[3 + j] * b[k] - a[3 + k] * b[j] + a[j] * b[3 + k] - a[k] * b[3 + j]
+        out[3 + i] = a[3 + j] * b[3 + k] - a[3 + k] * b[3 + j]
 
 
 @compiled
-def _multiply(first, second, third, J, rows):
-    """rows = matrix J, of a matrix (3, 3) given by its columns."""
-    for i in range(3):
-        a, b, c = first[i], second[i], third[i]
-        for k in range(J.shape[1]):
-            rows[i, k] = a * J[0, k] + b * J[1, k] + c * J[2, k]
-
-
-@compiled
-def pose_terms(
-    R: np.ndarray, p: np.ndarray, J: np.ndarray, twist: np.ndarray, drift: np.ndarray,
-    pose_r: np.ndarray, twist_r: np.ndarray, rate_r: np.ndarray, series: np.ndarray,
-    error: np.ndarray, rate: np.ndarray, rows: np.ndarray, rest: np.ndarray,
-) -> None:  # fmt: skip
-    """Write the error (x, e) of a pose, its rate, Jacobian and drift.
+def pose_terms(R, p, velocity, drift, pose_r, velocity_r, acceleration_r, found):
+    """Write the error of a pose with two derivatives at q̈ = 0, and the factor of its Jacobian.
 
     Parameters
     ----------
     R, p : ndarray, (3, 3), (3,)
         Pose of the frame.
-    J, twist, drift : ndarray, (6, n), (6,), (6,)
-        Its Jacobian, velocity (ṗ, ω) and acceleration (p̈, ω̇) at q̈ = 0, in the world's axes.
-    pose_r, twist_r, rate_r : ndarray, (4, 4), (6,), (6,)
+    velocity, drift : ndarray, (6,), (6,)
+        Its velocity (ṗ, ω), and its acceleration (p̈, ω̇) at q̈ = 0.
+    pose_r, velocity_r, acceleration_r : ndarray, (4, 4), (6,), (6,)
         The target's pose, velocity and acceleration, likewise.
-    series : ndarray
-        `SERIES`.
-    error, rate, rows, rest : ndarray, (6,), (6,), (6, n), (6,)
-        Filled, as by `orientation_terms`; the translation comes first.
+    found : ndarray, (9, 6)
+        Filled: ξ, ξ̇, ξ̈, and the transpose of a matrix (6, 6) that makes the error's Jacobian of
+        the frame's.
     """
-    orientation_terms(
-        R, J[3:], twist[3:], drift[3:], pose_r[:3, :3], twist_r[3:], rate_r[3:], series,
-        error[3:], rate[3:], rows[3:], rest[3:],
-    )  # fmt: skip
-    e, edot = _vector(error[3:]), _vector(rate[3:])
-    d = p[0] - pose_r[0, 3], p[1] - pose_r[1, 3], p[2] - pose_r[2, 3]
-    ddot = _plus(_vector(twist), -1.0, _vector(twist_r))
-    dddot = _plus(_vector(drift), -1.0, _vector(rate_r))
-    c, c1, c2 = _c(_dot3(e, e), series)
-    along = _cross(e, d)
-    twice, moving, inward = _cross(e, along), _cross(edot, d), _dot3(e, edot)
-    # x = A d, ẋ = A ḋ + Ȧ d
-    _put(_apply(e, c, d), error)
-    _put(_plus(_apply(e, c, ddot), 1.0, _apply_rate(e, edot, c, 2 * c1 * inward, d)), rate)
-    # ẍ = A d̈ + 2 Ȧ ḋ + Ä d; Ä d is linear in ë, see `_bend`, plus terms in ė²
-    bent = _plus(_apply(e, c, dddot), 2.0, _apply_rate(e, edot, c, 2 * c1 * inward, ddot))
-    bent = _plus(bent, 4 * c1 * inward, _plus(_cross(edot, along), 1.0, _cross(e, moving)))
-    bent = _plus(bent, 4 * c2 * inward * inward + 2 * c1 * _dot3(edot, edot), twice)
-    bent = _plus(bent, 2 * c, _cross(edot, moving))
-    bent = _plus(bent, 1.0, _bend(e, d, along, twice, c, c1, _vector(rest[3:])))
-    _put(bent, rest)
-    x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-    _multiply(_apply(e, c, x), _apply(e, c, y), _apply(e, c, z), J, rows)
-    first, second = _bend(e, d, along, twice, c, c1, x), _bend(e, d, along, twice, c, c1, y)
-    third = _bend(e, d, along, twice, c, c1, z)
+    # ν, ν̇ at q̈ = 0, and the twists of unit motions of the frame
+    twists, E, turned, turn = np.zeros((8, 6)), np.zeros((3, 3)), np.zeros(6), np.empty(3)
+    once, twice, shift, error = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
+    for i in range(6):
+        twists[0, i], twists[1, i], twists[2 + i, i] = velocity[i], drift[i], 1.0
     for i in range(3):
-        for k in range(J.shape[1]):
-            rows[i, k] += first[i] * rows[3, k] + second[i] * rows[4, k] + third[i] * rows[5, k]
+        twists[0, i] -= velocity_r[i]
+        twists[1, i] -= acceleration_r[i]
+        for j in range(3):
+            for k in range(3):
+                E[i, j] += R[i, k] * pose_r[j, k]
+            turned[3 + i] += E[i, j] * velocity_r[3 + j]  # E ω_r
+            twists[1, 3 + i] -= E[i, j] * acceleration_r[3 + j]
+        twists[0, 3 + i] -= turned[3 + i]
+    log3(E, turn)
+    cross_twists(turned, twists[0], once)
+    for i in range(3):
+        twists[1, 3 + i] += once[3 + i]  # -Ω × E ω_r
+        shift[i], error[3 + i] = twists[0, i], turn[i]
+    cross_twists(shift, twists[0], once)
+    for i in range(3):
+        twists[1, i] += once[i]  # -Ω × ḋ
+        shift[i] = p[i] - pose_r[i, 3]  # d
+    for k in range(8):
+        cross_twists(shift, twists[k], once)
+        for i in range(3):
+            twists[k, i] += once[i]  # d × Ω
+    square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]
+    c, c1, c2 = _taylor(SERIES, square)
+    cross_twists(error, shift, once)
+    cross_twists(error, once, twice)
+    inward = 0.0
+    for i in range(3):
+        error[i] = shift[i] - 0.5 * once[i] + c * twice[i]  # x = A d
+        inward += error[i] * turn[i]
+    dual = 2 * c1 * inward
+    for k in range(7, -1, -1):
+        cross_twists(error, twists[k], once)
+        cross_twists(error, once, twice)
+        for i in range(3):
+            found[1 + k, i] = twists[k, i] - 0.5 * once[i] + c * twice[i] + dual * twice[3 + i]
+            found[1 + k, 3 + i] = twists[k, 3 + i] - 0.5 * once[3 + i] + c * twice[3 + i]
+    # Ȧ ν; `once` and `twice` are those of ν
+    rate, moving, second = found[1], np.empty(6), np.empty(6)
+    cross_twists(rate, twists[0], moving)
+    cross_twists(rate, once, second)
+    cross_twists(error, moving, once)
+    along = across = 0.0  # e·ė, e·ẋ + x·ė
+    for i in range(3):
+        along += turn[i] * rate[3 + i]
+        across += turn[i] * rate[i] + error[i] * rate[3 + i]
+    c_rate, dual_rate = 2 * c1 * along, 2 * c1 * across + 4 * c2 * along * inward
+    for i in range(6):
+        second[i] += once[i]
+        found[2, i] += c_rate * twice[i] + c * second[i] - 0.5 * moving[i]
+        found[0, i] = error[i]
+    for i in range(3):
+        found[2, i] += dual_rate * twice[3 + i] + dual * second[3 + i]
 
 
 @compiled
-def _bend(e, d, along, twice, c, c1, x):
-    """The part of Ä d that is linear in ë = x: -½ x × d + 2 c' (e·x) e × (e × d) + c (…)."""
-    moving = _cross(x, d)
-    found = -0.5 * moving[0], -0.5 * moving[1], -0.5 * moving[2]
-    found = _plus(found, 2 * c1 * _dot3(e, x), twice)
-    return _plus(_plus(found, c, _cross(x, along)), c, _cross(e, moving))
-
-
-@compiled
-def axis_terms(
-    a: np.ndarray, J: np.ndarray, omega: np.ndarray, drift: np.ndarray,
-    d: np.ndarray, ddot: np.ndarray, dddot: np.ndarray,
-    error: np.ndarray, rate: np.ndarray, rows: np.ndarray, rest: np.ndarray,
-) -> None:  # fmt: skip
-    """Write the error θ n of a direction, its rate, Jacobian and drift.
+def axis_terms(a, omega, alpha, d, ddot, dddot, found):
+    """Write the error of a direction with two derivatives at q̈ = 0, and its Jacobian's factor.
 
     Parameters
     ----------
     a : ndarray, (3,)
         The link's direction in the world, a unit vector.
-    J, omega, drift : ndarray, (3, n), (3,), (3,)
-        The link's angular Jacobian, angular velocity and angular acceleration at q̈ = 0.
+    omega, alpha : ndarray, (3,), (3,)
+        The link's angular velocity, and its angular acceleration at q̈ = 0.
     d, ddot, dddot : ndarray, (3,)
         The target direction, a unit vector, and its two rates.
-    error, rate, rows, rest : ndarray, (3,), (3,), (3, n), (3,)
-        Filled, as by `orientation_terms`.
+    found : ndarray, (9, 6)
+        Filled as by `pose_terms`, the error in its first three columns.
     """
-    a, d, ddot, dddot = _vector(a), _vector(d), _vector(ddot), _vector(dddot)
-    omega, drift = _vector(omega), _vector(drift)
-    adot = _cross(omega, a)
-    addot = _plus(_cross(drift, a), 1.0, _cross(omega, adot))
-    w = _cross(d, a)
-    square, x = _dot3(w, w), _dot3(d, a)
-    size = np.sqrt(square)
-    if x < 0 and size < TURN:
+    found[:] = 0.0
+    adot, addot, w, wdot, wddot = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        adot[i] = omega[j] * a[k] - omega[k] * a[j]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        addot[i] = alpha[j] * a[k] - alpha[k] * a[j] + omega[j] * adot[k] - omega[k] * adot[j]
+    # w = d × a, x = d·a
+    x = xdot = xddot = square = 0.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        w[i] = d[j] * a[k] - d[k] * a[j]
+        wdot[i] = ddot[j] * a[k] - ddot[k] * a[j] + d[j] * adot[k] - d[k] * adot[j]
+        wddot[i] = dddot[j] * a[k] - dddot[k] * a[j] + d[j] * addot[k] - d[k] * addot[j]
+        wddot[i] += 2 * (ddot[j] * adot[k] - ddot[k] * adot[j])
+        square += w[i] * w[i]
+        x += d[i] * a[i]
+        xdot += ddot[i] * a[i] + d[i] * adot[i]
+        xddot += dddot[i] * a[i] + 2 * ddot[i] * adot[i] + d[i] * addot[i]
+    if x < 0 and square < TURN * TURN:
         # w serves as n, and the target's own turn is d × ḋ
-        w = _cross(d, (1.0, 0.0, 0.0))
-        if abs(d[1]) < abs(d[0]) and abs(d[1]) <= abs(d[2]):
-            w = _cross(d, (0.0, 1.0, 0.0))
-        elif abs(d[2]) < abs(d[0]):
-            w = _cross(d, (0.0, 0.0, 1.0))
-        size = np.sqrt(_dot3(w, w))
-        w = w[0] / size, w[1] / size, w[2] / size
-        turn = _dot3(w, omega) - _dot3(w, _cross(d, ddot))
-        turning = _dot3(w, drift) - _dot3(w, _cross(d, dddot))
+        axis = np.zeros(3)
+        axis[np.argmin(np.abs(d))] = 1.0
+        turn = turning = square = 0.0
         for i in range(3):
-            error[i], rate[i], rest[i] = np.pi * w[i], turn * w[i], turning * w[i]
-        for j in range(J.shape[1]):
-            along = w[0] * J[0, j] + w[1] * J[1, j] + w[2] * J[2, j]
-            for i in range(3):
-                rows[i, j] = along * w[i]
+            j, k = (i + 1) % 3, (i + 2) % 3
+            w[i] = d[j] * axis[k] - d[k] * axis[j]
+            square += w[i] * w[i]
+            turn += w[i] * (omega[i] - d[j] * ddot[k] + d[k] * ddot[j])
+            turning += w[i] * (alpha[i] - d[j] * dddot[k] + d[k] * dddot[j])
+        for i in range(3):
+            found[0, i] = np.pi * w[i] / np.sqrt(square)
+            found[1, i], found[2, i] = turn * w[i] / square, turning * w[i] / square
+            for j in range(3):
+                found[6 + j, i] = w[i] * w[j] / square
         return
-    # e = φ(x) w with φ = θ / sin θ, w = d × a, x = d·a
+    # e = φ(x) w with φ = θ / sin θ
     u = 0.5 * (1 - x)
     if u < 0.04:
-        phi = by_u = by_uu = 0.0
-        for k in range(len(HALVES) - 1, -1, -1):
-            by_uu = by_uu * u + 2 * by_u
-            by_u = by_u * u + phi
-            phi = phi * u + HALVES[k]
+        phi, by_u, by_uu = _taylor(HALVES, u)
         first, second = -0.5 * by_u, 0.25 * by_uu
     else:
+        size = np.sqrt(square)
         phi = np.arctan2(size, x) / size
         first = (x * phi - 1) / square
         second = (phi + 3 * x * first) / square
-    wdot = _plus(_cross(ddot, a), 1.0, _cross(d, adot))
-    wddot = _plus(_plus(_cross(dddot, a), 2.0, _cross(ddot, adot)), 1.0, _cross(d, addot))
-    xdot = _dot3(ddot, a) + _dot3(d, adot)
-    xddot = _dot3(dddot, a) + 2 * _dot3(ddot, adot) + _dot3(d, addot)
     for i in range(3):
-        error[i] = phi * w[i]
-        rate[i] = first * xdot * w[i] + phi * wdot[i]
-        rest[i] = (second * xdot * xdot + first * xddot) * w[i]
-        rest[i] += 2 * first * xdot * wdot[i] + phi * wddot[i]
-    _multiply(
-        _swing(d, a, w, phi, first, (1.0, 0.0, 0.0)), _swing(d, a, w, phi, first, (0.0, 1.0, 0.0)),
-        _swing(d, a, w, phi, first, (0.0, 0.0, 1.0)), J, rows,
-    )  # fmt: skip
-
-
-@compiled
-def _swing(d, a, w, phi, first, omega):
-    """The rate of φ w while the direction turns at `omega`."""
-    moved = _cross(omega, a)
-    across, along = _cross(d, moved), first * _dot3(d, moved)
-    return (
-        along * w[0] + phi * across[0],
-        along * w[1] + phi * across[1],
-        along * w[2] + phi * across[2],
-    )
+        found[0, i] = phi * w[i]
+        found[1, i] = first * xdot * w[i] + phi * wdot[i]
+        found[2, i] = (second * xdot * xdot + first * xddot) * w[i]
+        found[2, i] += 2 * first * xdot * wdot[i] + phi * wddot[i]
+        found[6 + i, i] += phi * x
+        for j in range(3):
+            found[6 + j, i] -= first * w[i] * w[j] + phi * a[i] * d[j]

@@ -102,6 +102,8 @@ class Task(Frozen, ABC):
                 raise InputError(f"{self.name}: axes", "rows such as (0, 2)", self.axes) from None
             if not axes or len(set(axes)) < len(axes):
                 raise InputError(f"{self.name}: axes", "rows, each once", repr(self.axes))
+            if self.size is not None and max(axes) >= self.size:
+                raise InputError(f"{self.name}: axes", f"below {self.size}", max(axes))
             object.__setattr__(self, "axes", axes)
         if not (self.target is None or isinstance(self.target, Target | Reference)):
             raise InputError(f"{self.name}: target", "a Target", repr(self.target))

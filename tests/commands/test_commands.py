@@ -109,6 +109,14 @@ def test_a_misspelt_option_is_named_with_the_nearest(line, said, capsys):
     assert capsys.readouterr() == ("", expected)
 
 
+def test_a_word_too_many_is_named_with_the_option_before_it(capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["run", "finger", "best", "--targets", "0.1", "0", "-0.2"])
+    assert stop.value.code == 2
+    meant = "(after --targets; did you mean --target?)"
+    assert capsys.readouterr().err == f"error: unrecognized arguments: 0 -0.2 {meant}\n"
+
+
 def test_what_begins_with_a_dash_is_not_always_an_option(capsys):
     for line in ("statics finger --target -20 -1e-3 -inf", "check finger --sampl 0"):
         with suppress(SystemExit):
@@ -118,7 +126,7 @@ def test_what_begins_with_a_dash_is_not_always_an_option(capsys):
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("crosschek", "expected crosscheck?"), ("", "`softdyn` lists them"), ("os", "got os")],
+    [("crosschek", "did you mean 'crosscheck'?"), ("", "`softdyn` lists"), ("os", "got 'os'")],
 )
 def test_a_wrong_name_is_one_line(name, message, capsys):
     assert main([name]) == 2

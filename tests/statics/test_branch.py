@@ -9,8 +9,8 @@ import pytest
 
 from softdyn import statics
 from softdyn.statics.branch import follow, input_scale
-from softdyn.statics.explore import TipProblem
 from softdyn.statics.stops import SoftStops
+from softdyn.statics.unknown_inputs import TargetProblem
 from tests.statics.test_statics import STIFFNESS, G, pendulum
 
 WEIGHT = 0.1 * G  # m g r of the pendulum
@@ -75,6 +75,6 @@ def test_soft_stops_repel() -> None:
 def test_a_joint_is_near_its_stop_within_a_tenth_of_its_range(tmp_path: Path) -> None:
     narrow = {'limit lower="-1" upper="2"': 'limit lower="-0.1" upper="0.2"'}
     model = pendulum(tmp_path, changes=narrow)
-    problem = TipProblem.build(model, np.zeros(3))
+    problem = TargetProblem.for_tip(model, np.zeros(3))
     near = [problem.near_stops(np.array([q])) for q in (-0.09, -0.06, 0.1, 0.16, 0.18)]
     assert near == [True, False, False, False, True]

@@ -9,6 +9,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import softdyn
 from softdyn import InputError, Reference, SetPoint, SoftModel, design
@@ -147,6 +149,18 @@ def test_both_rates_and_the_jacobian_are_central_differences(model, angle):
         assert relative(np.array(columns).T, found.jacobian, 1.0) < BAR, kind
         if kind in ("orientation", "axis"):
             assert np.linalg.norm(found.error) == pytest.approx(angle, abs=1e-9)
+
+
+@given(st.floats(0, math.pi - 1e-3), st.integers(0, 1000))
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_the_drift_is_a_central_difference_at_any_angle(angle, seed):
+    path = Path(FINGER, angle, seed)
+    for kind in ("orientation", "pose", "axis"):
+        task, target = path.cases()[kind]
+        h = min(1e-3, (math.pi - angle) / (200 if kind == "axis" else 10))
+        second = rate(lambda t, f=task.evaluate, at=target: f(path.state(t), at(t)).rate, h)
+        found = task.evaluate(path.state(0.0), target(0.0))
+        assert relative(second, found.jacobian @ path.a + found.drift, 1.0) < BAR, kind
 
 
 @pytest.mark.parametrize("which", ["finger", "helix", "mimic", "floating", 1, 12, 16])

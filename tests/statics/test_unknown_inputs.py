@@ -7,8 +7,7 @@ import pytest
 
 from softdyn import statics
 from softdyn.statics import StaticsError
-from softdyn.statics.explore import TipProblem
-from softdyn.statics.tip_solver import solve_at_tip
+from softdyn.statics.unknown_inputs import TargetProblem, balance_at
 from tests.support import cart
 from tests.support.control_cases import robot
 
@@ -17,9 +16,9 @@ def test_it_finds_the_inputs_that_hold_a_tip_from_other_shapes() -> None:
     model, rng = robot("finger"), np.random.default_rng(0)
     for u in ([-0.2, -0.1], [-0.1, -0.15], [-0.25, 0.05]):
         known = statics.settle(model, u)
-        problem = TipProblem.build(model, known.y)
+        problem = TargetProblem.for_tip(model, known.y)
         start = model.configuration(known.q + rng.uniform(-0.4, 0.4, model.nv))
-        found = solve_at_tip(problem, start, np.zeros(model.nu))
+        found = balance_at(problem, start, np.zeros(model.nu))
         np.testing.assert_allclose(found.y, known.y, atol=1e-6)
         assert found.residual < 1e-8
         assert ((found.u >= model.u_min) & (found.u <= model.u_max)).all()
@@ -28,9 +27,9 @@ def test_it_finds_the_inputs_that_hold_a_tip_from_other_shapes() -> None:
 
 def test_a_point_out_of_reach_is_a_statics_error() -> None:
     model = robot("finger")
-    problem = TipProblem.build(model, np.array([1.0, 0.0, 0.0]))
-    with pytest.raises(StaticsError, match="with the tip at"):
-        solve_at_tip(problem, model.q0, np.zeros(model.nu))
+    problem = TargetProblem.for_tip(model, np.array([1.0, 0.0, 0.0]))
+    with pytest.raises(StaticsError, match="no equilibrium of finger at the target"):
+        balance_at(problem, model.q0, np.zeros(model.nu))
 
 
 def test_a_robot_that_no_force_holds_can_be_searched(tmp_path) -> None:

@@ -1,4 +1,4 @@
-"""A stack of frame tasks against the tasks' own `evaluate`."""
+"""Several tasks of frames in one stack, against one task at a time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from softdyn.tasks import (
     Target,
     Task,
 )
-from softdyn.tasks.frame_stack import FrameStack
+from softdyn.tasks.frames import FrameStack
 from softdyn.tasks.targets import exp3
 from tests.support.micro import FLOATING, GRIPPER, write
 
@@ -55,7 +55,9 @@ def test_rows_are_those_of_each_task(model):
         OrientationTask(tip, name="o", axes=(2,)),
     ]
     parts = [slice(4, 7), slice(0, 3), slice(7, 10), slice(3, 4)]
-    stack, rng = FrameStack(tasks, parts), np.random.default_rng(0)
+    rows = [(0, 5, 4), (0, 0, 5), (0, 1, 6), *((1, i, i) for i in range(3))]
+    rows += [*((2, i, 7 + i) for i in range(3)), (3, 2, 3)]
+    stack, rng = FrameStack(tasks, rows), np.random.default_rng(0)
     for k, filled in enumerate((stack, stack, pickle.loads(pickle.dumps(stack)))):
         # the second time the point's target alone has changed
         reference = targets(k // 2)
@@ -64,7 +66,8 @@ def test_rows_are_those_of_each_task(model):
         q = model.integrate(model.q0, 0.3 * rng.normal(size=model.nv))
         state = model.state(q, rng.normal(size=model.nv))
         values, jacobian = np.full((3, 11), np.nan), np.full((11, model.nv), np.nan)
-        filled.fill(state, reference, values, jacobian)
+        filled.take_from(reference)
+        filled.fill(state, values, jacobian)
         assert np.isnan(values[:, 10]).all()
         assert np.isnan(jacobian[10]).all()
         for task, part in zip(tasks, parts, strict=True):
@@ -77,18 +80,20 @@ def test_rows_are_those_of_each_task(model):
 def test_plain_references_and_own_targets():
     finger = softdyn.load("finger")
     tasks = [PointTask("tip"), AxisTask("tip", [0, 0, 1])]
-    stack, state = FrameStack(tasks, [slice(0, 3), slice(3, 6)]), finger.state([0.1] * 4, [0] * 4)
+    stack = FrameStack(tasks, [(k, i, 3 * k + i) for k in range(2) for i in range(3)])
+    state = finger.state([0.1] * 4, [0] * 4)
     own = Target([0.0, 1.0, 0.0])
     values, jacobian = np.zeros((3, 6)), np.zeros((6, 4))
     for reference in (
         SetPoint([0.1, 0, 0]), SetPoint([0.2, 0, 0]), StackedReference({"tip": SetPoint(state.y)}),
         StackedReference({"tip": SetPoint(state.y), "tip.axis": own}), SetPoint([0.2, 0, 0]),
     ):  # fmt: skip
-        stack.fill(state, reference, values, jacobian)
+        stack.take_from(reference)
+        stack.fill(state, values, jacobian)
         for task, part in zip(tasks, (slice(0, 3), slice(3, 6)), strict=True):
             np.testing.assert_allclose(values[0, part], task(state, reference).error, atol=1e-15)
     wrong = StackedReference({"tip": SetPoint(state.y), "tip.axis": Target([0, 2.0, 0])})
     with pytest.raises(InputError, match="unit vector"):
-        stack.fill(state, wrong, values, jacobian)
+        stack.take_from(wrong)
     with pytest.raises(InputError, match="below 3"):
-        FrameStack([PointTask("tip", axes=(1, 3))], [slice(0, 2)])
+        PointTask("tip", axes=(1, 3))
