@@ -34,7 +34,6 @@ from typing import Any
 import numpy as np
 
 from softdyn.checks import array, number, read_only, vector
-from softdyn.compiled import compiled
 from softdyn.description.robot import (
     MOST_FRICTION,
     JointTerm,
@@ -133,7 +132,9 @@ class Capstan:
             arms, lengths = arms.copy(), np.zeros(len(arms))
             columns = np.ascontiguousarray(jacobian.T)
             moment_arms(arms, lengths, columns, rotations, translations, *self._pieces.segments)
-            angles[self._at_sites] = _turns(rotations, translations, self._bodies, self._offsets)
+            before, behind, _ = self._directions(rotations, translations)
+            apart, along = (np.linalg.norm(x, axis=1) for x in (before - behind, before + behind))
+            angles[self._at_sites] = 2 * np.arctan2(apart, along)  # exact at any angle (Kahan)
         return Guides(self, state, angles, arms if self._S is None else arms @ self._S)
 
     def derivatives(self, state: State, u: np.ndarray, direction: np.ndarray) -> Derivatives:
@@ -334,26 +335,6 @@ class Guides:
         if direction is None:
             return np.sign(self.speeds)
         return array("direction", direction, (len(self.angles),))
-
-
-@compiled
-def _turns(rotations, translations, bodies, offsets):
-    """Angles (guides,) at the second of three points of `bodies`, at `offsets` (points, 3, 1)."""
-    angles, points = np.empty(len(bodies) // 3), np.empty((3, 3))
-    for g in range(len(angles)):
-        for k in range(3):
-            body = bodies[3 * g + k]
-            for x in range(3):
-                points[k, x] = translations[body, x]
-                for y in range(3):
-                    points[k, x] += rotations[body, x, y] * offsets[3 * g + k, y, 0]
-        a, b = points[1] - points[0], points[2] - points[1]
-        across = 0.0
-        for x in range(3):
-            y, z = (x + 1) % 3, (x + 2) % 3
-            across += (a[y] * b[z] - a[z] * b[y]) ** 2
-        angles[g] = np.arctan2(np.sqrt(across), a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-    return angles
 
 
 def _guides(robot: Robot, tendon: Tendon) -> list[tuple[str | tuple[Site, ...], Tendon]]:

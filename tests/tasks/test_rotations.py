@@ -84,5 +84,6 @@ def test_the_error_of_a_direction_is_the_shortest_turn(angle, axis, aside):
     n = across / math.sqrt(across @ across)
     goal = turned(-angle * n) @ AT.rotation @ axis
     error = AxisTask("tip", axis).evaluate(STATE, Target(goal)).error
-    assert error == pytest.approx(angle * n, abs=1e-11)
-    assert turned(error) @ goal == pytest.approx(AT.rotation @ axis, abs=1e-14)
+    slack = 1e-14 * (1 + 1 / (math.pi - angle))  # near the antipode rounding turns the axis
+    assert error == pytest.approx(angle * n, abs=slack)
+    assert turned(error) @ goal == pytest.approx(AT.rotation @ axis, abs=slack)
