@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import softdyn.compiled
-from softdyn.compiled import compiled
 from softdyn.controllers import CONTROLLERS
 from softdyn.controllers.qps.linear_algebra import (
     add_squares,
