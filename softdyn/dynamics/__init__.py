@@ -10,6 +10,7 @@
 - `points`: a point of a body, its Jacobian and the Jacobian's derivative;
 - `coordinates`: places in q of each joint: continuous joints, floating bases;
 - `balance`: r = M a + h - B u - E d and its Jacobians, with winches and slow disturbances;
+- `implicit_step`: a step of backward Euler with stops, and its exact Jacobians;
 - `stops`: joint limits: which joints they hold, and the steps that they allow;
 - `winches`: the input of a motor that commands a cable's free length, and its inverse;
 - `derivatives`: those of accelerations; tangent and gravity stiffness;

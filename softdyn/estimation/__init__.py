@@ -7,7 +7,7 @@
 
 - `ekf`, `parameters`: the extended Kalman filter, and the deviations that it assumes;
 - `estimate`: what it returns, and what an observer of a closed loop is;
-- `implicit_step`: the prediction and its exact Jacobians;
+- `onto_stops`: a correction that ends within the joint limits;
 - `covariance`, `drift`: prediction and updates of the covariance, with disturbances that change;
 - `arrivals`, `second_order`: rates and latencies of sensors, and readings of a poorly known state;
 - `drives`: delay, rate and lag of motors;

@@ -22,7 +22,7 @@ def predict(P, by_state, by_force, noise, held, step, moving, kept, added, turn,
     P : ndarray, (s, s)
         Overwritten.
     by_state, by_force, held : ndarray
-        Fields of `softdyn.estimation.implicit_step.ImplicitStepResult`.
+        Fields of `softdyn.dynamics.implicit_step.ImplicitStepResult`.
     noise : ndarray, (n,)
         Variances of the joint forces, each for a second.
     step : float

@@ -11,7 +11,8 @@ import numpy as np
 from softdyn.checks import array, fill, instances, real, vector
 from softdyn.copies import Separate
 from softdyn.description.rig import Sensor
-from softdyn.dynamics.balance import Disturbance
+from softdyn.dynamics.balance import Disturbance, ForceBalance
+from softdyn.dynamics.implicit_step import ImplicitStep
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.estimation.arrivals import (
     MATCH,
@@ -33,7 +34,7 @@ from softdyn.estimation.covariance import (
 from softdyn.estimation.drift import DisturbanceDrift
 from softdyn.estimation.drives import Drives
 from softdyn.estimation.estimate import StateEstimate
-from softdyn.estimation.implicit_step import ImplicitStep, onto_stops
+from softdyn.estimation.onto_stops import onto_stops
 from softdyn.estimation.parameters import EkfCounts, EkfParameters, disturbances_of
 from softdyn.exceptions import InputError
 from softdyn.sensing import Sensors
@@ -54,7 +55,7 @@ class Ekf(Separate):
     """An extended Kalman filter of a robot's state and slow disturbances.
 
     The prediction is a backward Euler step with exact Jacobians and joint stops
-    (`softdyn.estimation.implicit_step`). Readings are fused one by one in Joseph's form. Late ones
+    (`softdyn.dynamics.implicit_step`). Readings are fused one by one in Joseph's form. Late ones
     are fused at their own time (`softdyn.estimation.arrivals`). Motors have the lag, delay and rate
     of the robot's file (`softdyn.estimation.drives`). An estimate beyond a stop is moved onto it
     along the covariance (Simon and Chia 2002). A reading more than 20 deviations off counts as so
@@ -128,7 +129,8 @@ class Ekf(Separate):
             name: unit for one in self.disturbances for name, unit in one.units(model).items()
         }
         self._channels = sensor_channels(model, tuple(chosen))
-        self._step, self._drives = ImplicitStep(model, self.disturbances), Drives(model)
+        self._step = ImplicitStep(model, ForceBalance(model, self.disturbances))
+        self._drives = Drives(model)
         q, v = (model.q0, np.zeros(model.nv)) if start is None else start
         self._plain = model.nq == model.nv
         self._start = array("start[0]", q, (model.nq,)), array("start[1]", v, (model.nv,))

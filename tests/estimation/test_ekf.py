@@ -14,10 +14,10 @@ import softdyn
 from softdyn import InputError
 from softdyn.description.rig import Sensor
 from softdyn.description.rig import SensorKind as KIND
+from softdyn.dynamics.implicit_step import ImplicitStep
 from softdyn.estimation import Disturbance, Ekf, EkfParameters
 from softdyn.estimation.consistency import chi_squared_bounds, nees
 from softdyn.estimation.covariance import symmetrised, update
-from softdyn.estimation.implicit_step import ImplicitStep
 from softdyn.sensing import Sensors
 from tests.support.micro import FLOATING, write
 from tests.support.sensed import sensors

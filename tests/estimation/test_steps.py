@@ -8,8 +8,8 @@ import pytest
 import softdyn
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.dynamics.balance import ForceBalance
+from softdyn.dynamics.implicit_step import ImplicitStep, ImplicitStepResult
 from softdyn.estimation import Disturbance
-from softdyn.estimation.implicit_step import ImplicitStep, ImplicitStepResult
 from softdyn.estimation.second_order import second_order, sharp
 from softdyn.sensing import Sensors
 from tests.support.balanced import BALANCED, balanced, case
@@ -43,7 +43,7 @@ def test_second_order_is_the_mean_and_variance_of_a_spread_state():
 def test_step(model):
     q, v, _, commands, d = case(model, ALL)
     n, step, h, free = model.nv, 0.002, 2e-5, np.zeros(model.nv, int)
-    stepper, balance = ImplicitStep(model, ALL), ForceBalance(model, ALL)
+    stepper, balance = ImplicitStep(model, ForceBalance(model, ALL)), ForceBalance(model, ALL)
     found = ImplicitStepResult(*(part.copy() for part in stepper(q, v, commands, d, step, free)))
     left = balance(found.q, found.v, (found.v - v) / step, commands, d).residual
     assert not found.held.any()
