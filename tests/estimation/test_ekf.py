@@ -248,7 +248,8 @@ def test_the_process_noise_adapts(force, given, largest):
     A constant deviation serves one of both: 0.4 (0.17 mm, not 0.03) or 0.03 (3.6 mm, not 0.35).
     """
     model, u = softdyn.load("finger"), np.array([0.3, -0.2])
-    plant, q, v = ImplicitStep(model, ForceBalance(model, (Disturbance.TIP_FORCE,))), model.q0, np.zeros(4)
+    plant = ImplicitStep(model, ForceBalance(model, (Disturbance.TIP_FORCE,)))
+    q, v = model.q0, np.zeros(4)
     ekf = Ekf(model, sensors(model), parameters=EkfParameters(**given))
     truth = Sensors(model, sensors(model))
     rng, held, errors, asked = np.random.default_rng(0), np.zeros(4, int), [], []
