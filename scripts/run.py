@@ -48,7 +48,8 @@ sensors. --rig FILE is TOML with the fields of softdyn.validation.Rig, e.g. "lag
 and mpc know lag and delay if they stand in the robot's file or in --gains.
 
 --observer gives the controller an estimate from the rig's sensors (softdyn.estimation.Ekf) instead
-of the state. Disturbances may be named, e.g. "--observer tip_force,stiffness". A class of your own
+of the state. Its process noise adapts to the readings; a line tells when they show forces that the
+model lacks. Disturbances may be named, e.g. "--observer tip_force,stiffness". A class of your own
 is FILE.py:CLASS; it is built as CLASS(model) and needs step(t, measurements, u).
 
 --obstacles FILE is TOML with tables [[half_space]], [[sphere]], [[box]] and [[pairs]], whose keys
@@ -71,6 +72,7 @@ your own class; 2 bad input; 130 interrupted.
 """
 
 
+LACKING = 0.06  # of an Ekf's process noise; with a right model it ends below
 PATIENCE = 4.0  # s to look for the nearest rest
 TRANSIENT = 1.0  # s; a shorter run may not have had the time to reach its target
 
@@ -215,6 +217,9 @@ def command(arguments: cli.Arguments) -> int:
             line, report["nearest_rest"] = nearest_to_tasks(loop, log, arguments.tolerance)
         text = f"{text}\n{line}".rstrip()
     text = "\n".join(filter(None, [cli.best_note(model, log.controller, arguments.gains), text]))
+    if observer is not None:
+        line, report["process_noise"] = unmodelled(observer)
+        text = f"{text}\n{line}".rstrip()
     if plant is not None:
         report["plant"] = plant.to_dict()
     if shown is not None:
@@ -224,6 +229,25 @@ def command(arguments: cli.Arguments) -> int:
     cli.write_report(report, arguments.json, "\n".join([text, *(f"wrote {f}" for f in files)]))
     done = not log.failed if arguments.no_verdict else report["reached"]
     return cli.PASSED if done else cli.FAILED
+
+
+def unmodelled(observer: Any) -> tuple[str, float | None]:
+    """The process noise at which an `Ekf` arrived: a line, and its value; none of a user's own."""
+    from softdyn.estimation import Ekf
+
+    if not isinstance(observer, Ekf):
+        return "", None
+    given, found = observer.parameters, observer.process
+    line = (
+        f"observer       process noise {found:.2g}, adapted to the readings "
+        f"(at most {given.process:g})"
+    )
+    if found > LACKING and not observer.disturbances:
+        line += (
+            ": they show forces that the model lacks. To estimate them: "
+            "--observer tip_force, payload, stiffness or joint_offsets"
+        )
+    return line, found
 
 
 def nearest_rest(model: SoftModel, log: Log, tolerance: float | None) -> tuple[str, float | None]:
