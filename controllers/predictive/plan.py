@@ -40,7 +40,7 @@ from softdyn import SoftModel, State
 from softdyn.controllers.predictive.background import Job
 from softdyn.controllers.predictive.objective import stiffness_at_rest
 from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget
-from softdyn.dynamics.derivatives import residual_derivatives
+from softdyn.dynamics.balance import ForceBalance
 
 STUCK = 1.0  # s without arriving after which targets are searched for, or another plan is made
 ARRIVES = 0.5  # s later they act, however long the search took
@@ -501,19 +501,19 @@ def _step(
     Newton's method from a guess of the velocity after it; None if it does not converge.
     """
     model, n, m = problem.model, problem.model.nv, problem.model.nu
-    after, missed = guess, np.inf
+    balance, after, missed = ForceBalance(model, motors=()), guess, np.inf
     for _ in range(NEWTON):
-        state = model.state(model.integrate(q, STEP * after), after)
+        there, speed = model.integrate(q, STEP * after), after
         if missed < CLOSE:  # the last iteration left its square
             break
-        rate, at = (after - v) / STEP, model.coordinates(state.q)
+        at = model.coordinates(there)
         beyond = at - np.clip(at, model.lower, model.upper)
-        spring = STOP / STEP**2 * state.M.diagonal()
-        force = state.M @ rate + state.h - state.B @ mean + spring * beyond
-        K, D = residual_derivatives(model, state.q, after, rate, mean)
+        terms = balance(there, speed, (speed - v) / STEP, mean)
+        spring = STOP / STEP**2 * terms.by_a.diagonal()
+        force, K = terms.residual + spring * beyond, terms.by_q
         K.flat[:: n + 1] += np.where(beyond != 0, spring, 0.0)
-        matrix = state.M + STEP * D + STEP**2 * K
-        right = np.column_stack((force, K, state.M, state.B))
+        matrix = terms.by_a + STEP * terms.by_v + STEP**2 * K
+        right = np.column_stack((force, K, terms.by_a, -terms.by_commands))
         try:
             solved = STEP * np.linalg.solve(matrix, right)
         except np.linalg.LinAlgError:
@@ -524,6 +524,7 @@ def _step(
             return None
     if not missed < SOLVED:
         return None
+    state = model.state(there, speed)
     A, B = np.zeros((2 * n + m, 2 * n + m)), np.zeros((2 * n + m, m))
     by_q, by_v, by_u = solved[:, 1 : n + 1], solved[:, n + 1 : 2 * n + 1], solved[:, 2 * n + 1 :]
     A[n : 2 * n] = np.hstack((-by_q, by_v / STEP, problem.mean * by_u))

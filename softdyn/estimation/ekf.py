@@ -11,6 +11,7 @@ import numpy as np
 from softdyn.checks import array, fill, instances, real, vector
 from softdyn.copies import Separate
 from softdyn.description.rig import Sensor
+from softdyn.dynamics.balance import Disturbance
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.estimation.arrivals import (
     MATCH,
@@ -20,7 +21,6 @@ from softdyn.estimation.arrivals import (
     SensorChannel,
     sensor_channels,
 )
-from softdyn.estimation.balance import Disturbance
 from softdyn.estimation.consistency import chi_squared_bounds
 from softdyn.estimation.covariance import (
     append,

@@ -4,7 +4,7 @@ With q⁺ = q ⊕ T v⁺ the step solves
 
     r(q⁺, v⁺, (v⁺ - v) / T; c, d) = 0
 
-by Newton's method, r from `softdyn.estimation.balance`. A joint that would leave its limits is
+by Newton's method, r from `softdyn.dynamics.balance`. A joint that would leave its limits is
 held at the stop, q⁺ = limit, as long as the stop pushes it inward: an active set inside each Newton
 step.
 With A = M / T + ∂r/∂v + T ∂r/∂q, the free joints have
@@ -24,9 +24,8 @@ from typing import NamedTuple
 import numpy as np
 
 from softdyn.compiled import compiled
+from softdyn.dynamics.balance import BalanceTerms, Disturbance, ForceBalance
 from softdyn.dynamics.model import SoftModel
-from softdyn.dynamics.projection import Projection
-from softdyn.estimation.balance import Disturbance, ForceBalance, balance_terms
 
 NEAR = 1e-10  # rad, m: the last Newton step is smaller; the Jacobians are of its begin
 MOST = 12  # Newton steps
@@ -73,8 +72,7 @@ class ImplicitStep:
     def __init__(self, model: SoftModel, disturbances: tuple[Disturbance, ...] = ()) -> None:
         self._model, self._balance = model, ForceBalance(model, disturbances)
         self._limits = np.column_stack((model.lower, model.upper))
-        # a Protocol's isinstance takes microseconds
-        self._plain, self._projected = model.nq == model.nv, isinstance(model, Projection)
+        self._plain = model.nq == model.nv
         n, disturbed = model.nv, sum(one.size(model) for one in disturbances)
         self._found, self._before = (
             ImplicitStepResult(
@@ -83,12 +81,12 @@ class ImplicitStep:
             ) for _ in range(2)
         )  # fmt: skip
         self._acceleration = np.empty(n)
-        self._terms: tuple[np.ndarray, ...] = ()  # of the last balance, if the step had a solution
+        self._terms: BalanceTerms | None = None  # the last balance, if the step had a solution
         self._last = np.empty(3 * n + model.nu + disturbed)  # its arguments
 
     def forget(self) -> None:
         """The next step does not begin on the linear model of the last one."""
-        self._terms = ()
+        self._terms = None
 
     def __call__(
         self,
@@ -116,8 +114,8 @@ class ImplicitStep:
         """
         self._found, self._before = self._before, self._found
         given, terms = (q, v, commands, d, step, held), self._terms
-        self._terms = ()
-        if self._solve(*given, terms) or (terms and self._solve(*given, ())):
+        self._terms = None
+        if self._solve(*given, terms) or (terms and self._solve(*given, None)):
             return self._found
         return None
 
@@ -129,7 +127,7 @@ class ImplicitStep:
         d: np.ndarray,
         step: float,
         held: np.ndarray,
-        terms: tuple[np.ndarray, ...],
+        terms: BalanceTerms | None,
     ) -> bool:
         """Newton's method into `_found`, its first step on the linear model of these terms."""
         model, balance = self._model, self._balance
@@ -138,31 +136,26 @@ class ImplicitStep:
         there, speed, by_state, by_force, found_held, inputs = self._found
         acceleration[:], speed[:], found_held[:] = 0.0, v, held
         there[:] = q + step * v if plain else model.integrate(q, step * v)
-        known = len(terms) > 0
         for _ in range(MOST):
             at = there if plain else model.coordinates(there)
             moved = speed, there, acceleration, q, v, at, self._limits, found_held, step
             try:
-                if known:
-                    _linear_newton(*moved, self._last, commands, d, *terms)
-                    known = False
+                if terms is not None:
+                    _linear_newton(*moved, self._last, commands, d, *terms[:6])
+                    terms = None
                     continue
-                if self._projected:
-                    terms = balance(there, speed, acceleration, commands, d)
-                    size = _newton(*moved, *terms[:4])
-                else:
-                    terms = balance.arguments(there, speed, acceleration, commands, d)
-                    size = _balanced_newton(*moved, *terms)
+                found = balance.trusted(there, speed, acceleration, commands, d)
+                size = _newton(*moved, *found[:4])
             except np.linalg.LinAlgError:  # singular, or not finite
                 return False
             if not plain:
                 there[:] = model.integrate(q, step * speed)
             if size < NEAR:
-                _, by_q, by_v, by_a, by_d, _, inputs[:] = terms[:7]
+                _, by_q, by_v, by_a, _, by_d, inputs[:] = found
                 _derivatives(by_state, by_force, by_q, by_v, by_a, by_d, found_held, step)
                 if plain:
                     np.concatenate((there, speed, acceleration, commands, d), out=self._last)
-                    self._terms = terms[:6]
+                    self._terms = found
                 return True
         return False
 
@@ -213,20 +206,9 @@ def _within(at, change, lower, upper):
 
 
 @compiled
-def _balanced_newton(
-    speed, there, acceleration, q, v, at, limits, held, step, residual, by_q, by_v, by_a, *rest
-):
-    """Evaluate the balance, and `_newton`."""
-    balance_terms(residual, by_q, by_v, by_a, *rest)
-    return _newton(
-        speed, there, acceleration, q, v, at, limits, held, step, residual, by_q, by_v, by_a
-    )
-
-
-@compiled
 def _linear_newton(
     speed, there, acceleration, q, v, at, limits, held, step, last, commands, d, residual, by_q,
-    by_v, by_a, by_d, by_commands,
+    by_v, by_a, by_commands, by_d,
 ):  # fmt: skip
     """`_newton` on the linear model of the balance at the arguments `last`, where it is zero."""
     n, m = len(v), len(commands)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from softdyn.checks import number
+from softdyn.dynamics.balance import Disturbance
 from softdyn.dynamics.model import SoftModel
-from softdyn.estimation.balance import Disturbance
 from softdyn.exceptions import InputError
 
 HORIZON = 0.3  # s, of the force that moves a joint without a spring, and of the first velocity
