@@ -100,7 +100,7 @@ class BalanceTerms(NamedTuple):
     inputs: np.ndarray
 
 
-class Pull(NamedTuple):
+class TendonPull(NamedTuple):
     """The forces along the tendons.
 
     Attributes
@@ -227,11 +227,11 @@ class ForceBalance:
 
     def _pull(
         self, lengths: np.ndarray, arms: np.ndarray, v: np.ndarray, commands: np.ndarray
-    ) -> Pull:
+    ) -> TendonPull:
         """The forces along the tendons."""
         winches, tree = self._winches, self._tree
         if winches is None and not self._stretches:
-            return Pull(self._gears @ commands, self._none, self._none, self._slope, commands)
+            return TendonPull(self._gears @ commands, self._none, self._none, self._slope, commands)
         rates = arms @ v
         gain, damping = (np.array(x) for x in taut_gains(tree, lengths, rates))
         pull, slope, u = (
@@ -244,7 +244,7 @@ class ForceBalance:
             gain -= self._gears @ by_length
             damping -= self._gears @ by_rate
             slope = slope * by_command
-        return Pull(self._gears @ u - pull, gain, damping, slope, u)
+        return TendonPull(self._gears @ u - pull, gain, damping, slope, u)
 
     def _add_disturbances(
         self, terms: BalanceTerms, coordinates: np.ndarray, q: np.ndarray, v: np.ndarray,
@@ -299,7 +299,7 @@ def add_compliance(
     arms : ndarray, (tendons, n)
         Moment arms α.
     force, gain, damping : ndarray, (tendons,)
-        Fields of `Pull`.
+        Fields of `TendonPull`.
     S, rotations, translations, bodies, offsets, pairs, signs : ndarray
         As in `softdyn.dynamics.tendons.segment_curvature`.
     """

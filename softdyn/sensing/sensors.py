@@ -58,7 +58,7 @@ class Place(NamedTuple):
     point: BodyPoint | None = None
 
 
-class Readings(NamedTuple):
+class SensorReadings(NamedTuple):
     """The readings of all sensors, zero until each sensor's reader fills in its rows.
 
     Attributes
@@ -142,7 +142,7 @@ class Sensors:
     def _read(self, at: Moment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         n, m, size = self.model.nv, self.model.nu, len(self.components.names)
         values, jacobian, by_u = np.zeros(size), np.zeros((size, 2 * n)), np.zeros((size, m))
-        found = Readings(values, jacobian[:, :n], jacobian[:, n:], by_u)
+        found = SensorReadings(values, jacobian[:, :n], jacobian[:, n:], by_u)
         for read, place, rows in self._parts:
             read(at, place, rows, found)
         return values, jacobian, by_u
@@ -247,15 +247,15 @@ class Moment:
         return tree.pin_data
 
 
-Reader = Callable[[Moment, Place, slice, Readings], None]
+Reader = Callable[[Moment, Place, slice, SensorReadings], None]
 
 
-def _length(at: Moment, place: Place, rows: slice, out: Readings) -> None:
+def _length(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
     lengths, arms = at.cables
     out.values[rows], out.by_q[rows] = lengths[place.number], arms[place.number]
 
 
-def _tension(at: Moment, place: Place, rows: slice, out: Readings) -> None:
+def _tension(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
     t, tree = place.number, at.tree
     gain, damping, tension = at.elasticity
     pulls = np.where(tree.actuated == t, -tree.gear, 0.0)
@@ -268,19 +268,19 @@ def _tension(at: Moment, place: Place, rows: slice, out: Readings) -> None:
     out.by_u[rows] = pulls
 
 
-def _joint(at: Moment, place: Place, rows: slice, out: Readings) -> None:
+def _joint(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
     out.values[rows] = at.tree.coordinates(at.tree_q)[place.number]
     out.by_q[rows] = at.projected(np.eye(1, at.tree.nv, place.number))
 
 
-def _position(at: Moment, place: Place, rows: slice, out: Readings) -> None:
+def _position(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
     motion, three = _moved(at, place), slice(rows.start, rows.start + 3)
     out.values[three], out.by_q[three] = motion.y, at.projected(motion.J)
     if at.tree.chart.floating:
         out.values[three] += at.tree_q[:3]
 
 
-def _pose(at: Moment, place: Place, rows: slice, out: Readings) -> None:
+def _pose(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
     _position(at, place, rows, out)
     rotation, turn = (
         at.kinematics[1][place.number] @ place.frame.rotation,
@@ -295,7 +295,7 @@ def _moved(at: Moment, place: Place) -> PointMotion:
     return place.point.at(*at.kinematics)
 
 
-def _gyro(at: Moment, place: Place, rows: slice, out: Readings) -> None:
+def _gyro(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
     data, engine = at.data, at.tree.pin_model
     out.values[rows] = pin.getFrameVelocity(engine, data, place.number, place.frame, LOCAL).angular
     by = pin.getFrameVelocityDerivatives(engine, data, place.number, place.frame, LOCAL)
@@ -303,7 +303,7 @@ def _gyro(at: Moment, place: Place, rows: slice, out: Readings) -> None:
     out.by_q[rows], out.by_v[rows] = at.projected(by_q), at.projected(by_v)
 
 
-def _accelerometer(at: Moment, place: Place, rows: slice, out: Readings) -> None:
+def _accelerometer(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
     data, engine = at.data, at.tree.pin_model
     where = engine, data, place.number, place.frame, LOCAL
     rotation = data.oMi[place.number].rotation @ place.frame.rotation
