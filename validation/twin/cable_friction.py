@@ -135,17 +135,18 @@ class CableFriction:
         self._limit = np.full(len(guides), LEAST)
         self._weights = STIFFER * model.tendon_invweight0[self.rows]
         self.numbers = np.array([guide.number for guide in guides], int)
-        places = [
+        turns = [
             (g, *(model.site(site).id for site in turn))
             for g, guide in enumerate(guides)
             for turn in guide.turns
         ]
-        places += [
-            (g, -1, -1, model.joint(guide.joints[0][0]).qposadr[0])
+        hinges = [
+            (g, model.joint(guide.joints[0][0]).qposadr[0])
             for g, guide in enumerate(guides)
             if guide.joints
         ]
-        self._places = np.array(places, int).reshape(-1, 4)
+        self._turns = np.array(turns, int).reshape(-1, 4).T
+        self._hinges = np.array(hinges, int).reshape(-1, 2).T
 
     def clear(self) -> None:
         """Forget the friction of the last step.
@@ -166,16 +167,28 @@ class CableFriction:
 
     def angles(self, data: mujoco.MjData) -> np.ndarray:
         """Wrap angles (guides,), rad."""
-        return _angles(len(self.rows), data.site_xpos, data.qpos, self._places)
+        angles, (guides, *sites) = np.zeros(len(self.rows)), self._turns
+        angles[self._hinges[0]] = np.abs(data.qpos[self._hinges[1]])
+        if len(guides):
+            before, here, behind = data.site_xpos[sites]
+            (a, b, c), (x, y, z) = (here - before).T, (behind - here).T
+            across = np.sqrt((b * z - c * y) ** 2 + (c * x - a * z) ** 2 + (a * y - b * x) ** 2)
+            np.add.at(angles, guides, np.arctan2(across, a * x + b * y + c * z))
+        return angles
 
     def pull(self, data: mujoco.MjData) -> np.ndarray:
-        """Tension at the driven end of each of MuJoCo's tendons, (tendons,)."""
-        model = self._model
-        return _pull(
-            data.actuator_force, model.actuator_gear, model.actuator_trnid, data.ten_length,
-            data.ten_velocity, model.tendon_stiffness, model.tendon_damping,
-            model.tendon_lengthspring,
-        )  # fmt: skip
+        """Tension at the driven end of each of MuJoCo's tendons, (tendons,).
+
+        It is minus the actuators' forces, plus springs and dampers.
+        """
+        model, lengths = self._model, data.ten_length
+        shortest, longest = model.tendon_lengthspring.T
+        stretch = lengths - np.minimum(np.maximum(lengths, shortest), longest)
+        pull: np.ndarray = model.tendon_stiffness * stretch
+        pull += model.tendon_damping * data.ten_velocity
+        driven = model.actuator_gear[:, 0] * data.actuator_force
+        np.subtract.at(pull, model.actuator_trnid[:, 0], driven)
+        return pull
 
     def sliding(self, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
         """Tensions (guides,) behind the guides of sliding cables, and joint forces (MuJoCo's nv,).
@@ -195,43 +208,6 @@ class CableFriction:
             model.ten_J_colind.ravel(),
         )  # fmt: skip
         return behind, arms[self.rows].T @ (before - behind)
-
-
-@compiled
-def _angles(guides, positions, qpos, places):
-    """Wrap angles; a place has its guide, and three sites or the address of a joint's position."""
-    angles = np.zeros(guides)
-    for p in range(len(places)):
-        i, j, k = places[p, 1], places[p, 2], places[p, 3]
-        if i < 0:
-            angles[places[p, 0]] += abs(qpos[k])
-            continue
-        ax, ay, az = (
-            positions[j, 0] - positions[i, 0],
-            positions[j, 1] - positions[i, 1],
-            positions[j, 2] - positions[i, 2],
-        )
-        bx, by, bz = (
-            positions[k, 0] - positions[j, 0],
-            positions[k, 1] - positions[j, 1],
-            positions[k, 2] - positions[j, 2],
-        )
-        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        across, along = np.sqrt(x * x + y * y + z * z), ax * bx + ay * by + az * bz
-        angles[places[p, 0]] += np.arctan2(across, along)
-    return angles
-
-
-@compiled
-def _pull(force, gear, tendons, lengths, rates, stiffness, damping, springs):
-    """Tensions at the driven ends: minus the actuators' forces, plus springs and dampers."""
-    pull = np.empty(len(lengths))
-    for t in range(len(lengths)):
-        rest = min(max(lengths[t], springs[t, 0]), springs[t, 1])
-        pull[t] = stiffness[t] * (lengths[t] - rest) + damping[t] * rates[t]
-    for k in range(len(force)):
-        pull[tendons[k, 0]] -= gear[k, 0] * force[k]
-    return pull
 
 
 @compiled
