@@ -244,7 +244,7 @@ def unmodelled(observer: Any) -> tuple[str, float | None]:
     )
     if found > LACKING and not observer.disturbances:
         line += (
-            ": they show forces that the model lacks. To estimate them: "
+            ": they may show forces that the model lacks. To estimate them: "
             "--observer tip_force, payload, stiffness or joint_offsets"
         )
     return line, found
