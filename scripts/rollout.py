@@ -13,7 +13,8 @@ Inputs beyond the bounds in the robot's file are refused.
 
 Inputs u.NAME are forces. With --rig a column command.NAME may stand in place of u.NAME. It has the
 command of the motor, as the robot's file states it: the free length of a winch (m), or its rate of
-change (m/s), or a force.
+change (m/s), or a force. Where a file has both columns, as the log of a run behind a rig, the
+command counts with --rig, and the force without.
 
 Several files run at once on all cores, for the time of the shortest. --out FOLDER writes a log for
 each, with the file's name; page and plot show all runs.

@@ -173,15 +173,15 @@ def read_files(
 def read_inputs(path: str | Path, model: SoftModel, rig: Rig | str | None = None) -> InputRows:
     """Inputs from a CSV file with the columns ``t`` (s) and ``u.NAME`` for every input.
 
-    With a rig ``command.NAME`` may stand in place of ``u.NAME``. The times begin at 0 and have even
-    steps. Other columns, such as those of a log, are ignored.
+    With a rig ``command.NAME`` may stand in place of ``u.NAME``. A file may have both, such as the
+    log of a run behind a rig: the commands count with a rig, the forces without one. The times
+    begin at 0 and have even steps. Other columns, such as those of a log, are ignored.
 
     Raises
     ------
     InputError
-        A file that cannot be read, an unknown, missing or doubled column, both columns for one
-        input, commands without a rig or in another unit, a cell that is no finite number, times
-        that jump.
+        A file that cannot be read, an unknown, missing or doubled column, commands alone without a
+        rig, commands in another unit, a cell that is no finite number, times that jump.
     """
     inputs = [actuator.name for actuator in model.robot.actuators]
     titles, header, rows = columns(path)
@@ -191,11 +191,10 @@ def read_inputs(path: str | Path, model: SoftModel, rig: Rig | str | None = None
             if name.startswith(kind) and name not in known:
                 expected = ", ".join(["t", *known])
                 raise InputError(f"{path}: header", expected, did_you_mean(name, known))
-    commands = tuple(name for name in inputs if f"command.{name}" in header)
-    for name in commands:
-        if f"u.{name}" in header:
-            expected = f"u.{name} (a force) or command.{name} (of its motor)"
-            raise InputError(f"{path}: header", expected, "both")
+    commands = tuple(
+        name for name in inputs
+        if f"command.{name}" in header and (rig is not None or f"u.{name}" not in header)
+    )  # fmt: skip
     if commands:
         _check_commands(path, titles, commands, model, rig)
     names = ["t", *(f"command.{name}" if name in commands else f"u.{name}" for name in inputs)]
