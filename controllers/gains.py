@@ -61,7 +61,7 @@ def check_fields(table: Any, name: str, positive: Collection[str]) -> None:
             number and abs(value) <= sys.float_info.max and (value > 0 if above else value >= 0)
         ):
             kind = "a positive number" if above else "a number >= 0"
-            raise InputError(f"{name}.{key}", kind, value)
+            raise InputError(f"{name}.{key}", kind, repr(value))
 
 
 _SPIROB = {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import importlib
 import os
 import sys
@@ -37,9 +36,12 @@ def main(argv: list[str] | None = None) -> int:
         return cli.PASSED
     module_name = name.replace("-", "_")
     if module_name not in NAMES:
-        near = difflib.get_close_matches(module_name, NAMES, 1)
-        expected = f"{spelt(near[0])}?" if near else "a command; `softdyn` lists them"
-        print(f"error: command: expected {expected}, got {name}", file=sys.stderr)
+        from softdyn.checks import did_you_mean
+        from softdyn.exceptions import one_line
+
+        got = did_you_mean(one_line(name), map(spelt, NAMES))
+        expected = "a command that `softdyn` lists"
+        print(f"error: command: expected {expected}, got {got}", file=sys.stderr)
         return cli.BAD_INPUT
     module = importlib.import_module(f"softdyn.commands.{module_name}")
     module.parser.prog = f"softdyn {spelt(module_name)}"

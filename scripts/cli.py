@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import difflib
+import itertools
 import math
 import os
 import re
@@ -11,7 +13,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -76,7 +78,9 @@ class Parser(argparse.ArgumentParser):
 
                 near = did_you_mean(one_line(name), known)
                 self.error(f"option: expected one of those that --help lists, got {near}")
-        arguments = super().parse_args(args, namespace)
+        arguments, more = self.parse_known_args(args, namespace)
+        if more:
+            self.error(f"unrecognized arguments: {' '.join(more)}{self._hint(args, more[0])}")
         defaults = [(action, action.default) for action in self._actions]
         for action in self._actions:
             action.default = argparse.SUPPRESS
@@ -84,6 +88,19 @@ class Parser(argparse.ArgumentParser):
         for action, default in defaults:
             action.default = default
         return arguments
+
+    def _hint(self, args: Sequence[str] | None, word: str) -> str:
+        """The option before a word that is too much, and a similar option that may be meant."""
+        before = itertools.takewhile(word.__ne__, sys.argv[1:] if args is None else args)
+        options = [name for name in before if name in self._option_string_actions]
+        if not options:
+            return ""
+        own = self._option_string_actions[options[-1]].option_strings
+        near = difflib.get_close_matches(
+            options[-1], [name for name in self._option_string_actions if name not in own], 1, 0.8
+        )
+        meant = f"; did you mean {near[0]}?" if near else ""
+        return f" (after {options[-1]}{meant})"
 
     def error(self, message: str) -> NoReturn:
         """Exit with code 2 and one line, even if the arguments are long or have line breaks."""
@@ -180,28 +197,35 @@ def load_robot(arguments: Arguments) -> SoftModel:
 
 def warn_of_no_use(robot: Robot, arguments: Arguments) -> None:
     """Warn of each option that concerns what the robot does not have."""
+    options, missing = vars(arguments), lacks(robot)
+    if options.get("rig") not in (None, "file"):
+        missing.pop("rig", None)
+    for name, reason in missing.items():
+        if options.get(name):
+            warn_useless(f"{robot.path}: --{name.replace('_', '-')}", reason)
+
+
+def lacks(robot: Robot) -> dict[str, str]:
+    """Options that this robot has no use for, and the reasons."""
     from softdyn.dynamics.text import rig_lines
 
-    options = vars(arguments)
-    rubbing = [tendon for tendon in robot.tendons if tendon.friction]
+    rubbing = any(tendon.friction for tendon in robot.tendons)
     solid = [link for link in robot.links if any("<collision" in look for look in link.looks)]
-    for name, there, reason in (
-        ("repair_inertia", robot.mended, "no link has an impossible inertia"),
-        ("contacts", len(solid) > 1, "fewer than two links have collision shapes"),
+    found = (
+        (robot.mended, "repair_inertia", "no link has an impossible inertia"),
+        (len(solid) > 1, "contacts", "fewer than two links have collision shapes"),
         (
-            "friction",
             rubbing or any(joint.friction for joint in robot.joints),
+            "friction",
             "no joint or cable has friction",
         ),
         (
+            rubbing or any(rig_lines(robot)),
             "rig",
-            options.get("rig") != "file" or rubbing or any(rig_lines(robot)),
             "the file states no lag, delay, winch, sensor or friction of cables",
         ),
-    ):
-        if options.get(name) and not there:
-            option = f"--{name.replace('_', '-')}"
-            warn_useless(f"{robot.path}: {option}", reason)
+    )
+    return {name: reason for there, name, reason in found if not there}
 
 
 def best_note(model: SoftModel, name: str, gains: str | None) -> str:

@@ -98,7 +98,7 @@ def make_session(arguments: cli.Arguments) -> Any:
     own = controllers_of(arguments, first, around)
     if arguments.target is not None:
         paper.check_reach(model, arguments.target)
-    menu, rig, observer = menu_of(model, own, around), make_rig(arguments.rig), None
+    menu, rig, observer = menu_of(model, own, around), make_rig(arguments.rig, model), None
     if arguments.observer is not None:
         observer = make_observer(model, rig, arguments.observer)
     with naming(model):

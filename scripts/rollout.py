@@ -76,7 +76,7 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.plot is not None:
         look.check_path(arguments.plot)
     model = cli.load_robot(arguments)
-    rig = make_rig(arguments.rig)
+    rig = make_rig(arguments.rig, model)
     names, several = ["run"], len(arguments.inputs or ()) > 1
     if several and arguments.log is not None:
         raise softdyn.InputError("--log", "--out FOLDER with several --inputs", arguments.log)

@@ -48,7 +48,8 @@ sensors. --rig FILE is TOML with the fields of softdyn.validation.Rig, e.g. "lag
 and mpc know lag and delay if they stand in the robot's file or in --gains.
 
 --observer gives the controller an estimate from the rig's sensors (softdyn.estimation.Ekf) instead
-of the state. Disturbances may be named, e.g. "--observer tip_force,stiffness". A class of your own
+of the state. Its process noise adapts to the readings; a line tells when they show forces that the
+model lacks. Disturbances may be named, e.g. "--observer tip_force,stiffness". A class of your own
 is FILE.py:CLASS; it is built as CLASS(model) and needs step(t, measurements, u).
 
 --obstacles FILE is TOML with tables [[half_space]], [[sphere]], [[box]] and [[pairs]], whose keys
@@ -71,6 +72,7 @@ your own class; 2 bad input; 130 interrupted.
 """
 
 
+LACKING = 0.06  # of an Ekf's process noise; with a right model it ends below
 PATIENCE = 4.0  # s to look for the nearest rest
 TRANSIENT = 1.0  # s; a shorter run may not have had the time to reach its target
 
@@ -174,7 +176,7 @@ def command(arguments: cli.Arguments) -> int:
         from softdyn.validation.loop.certificate import TrueRate, certified
 
         TrueRate(controller)  # it may refuse the controller
-    rig, observer, shown = make_rig(arguments.rig), None, None
+    rig, observer, shown = make_rig(arguments.rig, model), None, None
     if arguments.observer is not None:
         from softdyn.validation.loop.observation import make_observer
 
@@ -215,6 +217,9 @@ def command(arguments: cli.Arguments) -> int:
             line, report["nearest_rest"] = nearest_to_tasks(loop, log, arguments.tolerance)
         text = f"{text}\n{line}".rstrip()
     text = "\n".join(filter(None, [cli.best_note(model, log.controller, arguments.gains), text]))
+    if observer is not None:
+        line, report["process_noise"] = unmodelled(observer)
+        text = f"{text}\n{line}".rstrip()
     if plant is not None:
         report["plant"] = plant.to_dict()
     if shown is not None:
@@ -224,6 +229,25 @@ def command(arguments: cli.Arguments) -> int:
     cli.write_report(report, arguments.json, "\n".join([text, *(f"wrote {f}" for f in files)]))
     done = not log.failed if arguments.no_verdict else report["reached"]
     return cli.PASSED if done else cli.FAILED
+
+
+def unmodelled(observer: Any) -> tuple[str, float | None]:
+    """The process noise at which an `Ekf` arrived: a line, and its value; none of a user's own."""
+    from softdyn.estimation import Ekf
+
+    if not isinstance(observer, Ekf):
+        return "", None
+    given, found = observer.parameters, observer.process
+    line = (
+        f"observer       process noise {found:.2g}, adapted to the readings "
+        f"(at most {given.process:g})"
+    )
+    if found > LACKING and not observer.disturbances:
+        line += (
+            ": they may show forces that the model lacks. To estimate them: "
+            "--observer tip_force, payload, stiffness or joint_offsets"
+        )
+    return line, found
 
 
 def nearest_rest(model: SoftModel, log: Log, tolerance: float | None) -> tuple[str, float | None]:
@@ -325,11 +349,28 @@ def make_plant(model: SoftModel, arguments: cli.Arguments) -> Scene | None:
     return plant
 
 
-def make_rig(said: str | None) -> Any:
-    """The rig of the robot's file, or with what a TOML file changes."""
+def make_rig(said: str | None, model: SoftModel) -> Any:
+    """The rig of the robot's file, or with what a TOML file changes.
+
+    A warning names each key that this robot has no use for.
+    """
     from softdyn.validation.twin.rig import FROM_FILE, Rig
 
-    return said if said in (None, FROM_FILE) else Rig.of(cli.read_toml(said))
+    if said in (None, FROM_FILE):
+        return said
+    rig = Rig.of(cli.read_toml(said))
+    robot = rig.robot(model.robot)
+    missing = cli.lacks(robot)
+    wound = any(actuator.is_winch for actuator in robot.actuators)
+    for key, given, there, reason in (
+        ("stiffness", rig.stiffness is not None, wound, "no motor winds a cable"),
+        ("damping", rig.damping is not None, wound, "no motor winds a cable"),
+        ("plant.contacts", rig.plant.contacts, "contacts" not in missing, missing.get("contacts")),
+        ("plant.friction", rig.plant.friction, "friction" not in missing, missing.get("friction")),
+    ):
+        if given and not there:
+            cli.warn_useless(f"{said}: {key}", str(reason))
+    return rig
 
 
 def make_surroundings(file: str | None) -> Surroundings | None:

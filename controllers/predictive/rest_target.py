@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -16,8 +15,8 @@ from softdyn import Reference, SoftModel, statics
 from softdyn.controllers.predictive.background import Job
 from softdyn.controllers.predictive.buckling import buckling_input
 from softdyn.statics import Equilibrium, StaticsError
-from softdyn.statics.task_search import SECONDS
-from softdyn.statics.unknown_inputs import TargetProblem, balance_at
+from softdyn.statics.target_search import SECONDS, all_at
+from softdyn.statics.unknown_inputs import TargetProblem
 from softdyn.tasks.task import Task
 
 WITHIN = 5e-3  # m: equilibria whose tips are this close to the reference count as equally near
@@ -197,9 +196,9 @@ def _for_tip(model: SoftModel, y: np.ndarray, seconds: float) -> tuple[RestTarge
     plain = statics.approach(statics.rest(model), y, stay_stable=True)
     found = _folded(model, plain, y)
     if not found:
-        search = statics.inputs_for_tip(model, y, [plain], shapes=SHAPES, seconds=seconds)
+        search = statics.inputs_for_tip(model, y, [plain], shapes=SHAPES, rays=0, seconds=seconds)
         within = max(WITHIN, search.distance(search.nearest))
-        found = [one for one in search.found if search.distance(one) <= within]
+        found = tuple(one for one in search.found if search.distance(one) <= within)
     bend = model.coordinates(plain.q)
     best = list[tuple[tuple[float, float, float], Equilibrium]]()
     for one in found:
@@ -217,16 +216,9 @@ def _for_tip(model: SoftModel, y: np.ndarray, seconds: float) -> tuple[RestTarge
     )
 
 
-def _folded(model: SoftModel, plain: Equilibrium, y: np.ndarray) -> list[Equilibrium]:
-    found = list[Equilibrium]()
+def _folded(model: SoftModel, plain: Equilibrium, y: np.ndarray) -> tuple[Equilibrium, ...]:
+    """Distinct equilibria with the tip at y (3,), from folded shapes."""
     least = buckling_input(model)
     if least is None:
-        return found
-    problem = TargetProblem.for_tip(model, y)
-    for q, u in folded(model, plain.q, least):
-        with suppress(StaticsError, np.linalg.LinAlgError):
-            one = balance_at(problem, q, u)
-            apart = (np.abs(model.coordinates(one.q) - model.coordinates(o.q)) for o in found)
-            if all(far.max() > SAME for far in apart):
-                found.append(one)
-    return found
+        return ()
+    return all_at(TargetProblem.for_tip(model, y), folded(model, plain.q, least))

@@ -6,12 +6,13 @@
     lengths = winches.commands(state, u)     # free lengths of cable that give the input u
     winches.tensions(state, lengths)         # and back
 
-- `capstan`: friction of cables on their guides;
-- `winches`: the input of a motor that commands a cable's free length, its derivatives, its inverse.
+- `capstan`: friction of cables on their guides.
+
+`Winches` stands in `softdyn.dynamics.winches`, because the balance of forces needs it.
 """
 
 from softdyn.actuation.capstan import Capstan
-from softdyn.actuation.winches import Winches
 from softdyn.description.rig import CommandKind
+from softdyn.dynamics.winches import Winches
 
 __all__ = ["Capstan", "CommandKind", "Winches"]

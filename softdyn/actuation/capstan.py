@@ -46,7 +46,7 @@ from softdyn.dynamics.derivatives import Derivatives, tendon_curvature, tendon_f
 from softdyn.dynamics.engine import moved_bodies
 from softdyn.dynamics.model import SoftModel, State, check_model, check_state, taut_gains
 from softdyn.dynamics.projection import Projection, project, underlying_tree
-from softdyn.dynamics.tendons import compile_tendons, moment_arms
+from softdyn.dynamics.tendons import compile_tendons
 
 STRAIGHT = 1e-9  # a wrap angle (rad) below which its gradient has no direction
 
@@ -125,14 +125,12 @@ class Capstan:
             For a State of another robot, as in the other methods.
         """
         check_state(self.model, state)
-        arms, angles = self._pieces.coefficients, np.zeros(len(self.tendon))
-        angles[self._at_joints] = np.abs(self._coordinates(state)[self._dof])
+        coordinates, kinematics = self._coordinates(state), self._kinematics(state)
+        _, arms = self._pieces.geometry(coordinates, *kinematics)
+        angles = np.zeros(len(self.tendon))
+        angles[self._at_joints] = np.abs(coordinates[self._dof])
         if len(self._at_sites):
-            jacobian, rotations, translations = self._kinematics(state)
-            arms, lengths = arms.copy(), np.zeros(len(arms))
-            columns = np.ascontiguousarray(jacobian.T)
-            moment_arms(arms, lengths, columns, rotations, translations, *self._pieces.segments)
-            before, behind, _ = self._directions(rotations, translations)
+            before, behind, _ = self._directions(*kinematics[1:])
             apart, along = (np.linalg.norm(x, axis=1) for x in (before - behind, before + behind))
             angles[self._at_sites] = 2 * np.arctan2(apart, along)  # exact at any angle (Kahan)
         return Guides(self, state, angles, arms if self._S is None else arms @ self._S)
@@ -140,7 +138,8 @@ class Capstan:
     def derivatives(self, state: State, u: np.ndarray, direction: np.ndarray) -> Derivatives:
         """`Guides.forces` and its Jacobians by q, q̇ (n, n) and u (n, m) at constant directions.
 
-        They add to those of `softdyn.dynamics.derivatives.joint_force_derivatives`.
+        They are those of a joint force, so the Jacobians of `softdyn.dynamics.balance` minus these
+        are those of the balance with friction.
 
         Parameters
         ----------
@@ -177,11 +176,10 @@ class Capstan:
         return -(sign * self.friction * guides.angles * (self._downstream @ behind).T)
 
     def _kinematics(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Jacobian columns of the tree's joints, and the poses of its bodies."""
+        """Jacobian columns of the tree's joints, as rows, and the poses of its bodies."""
         model = self.model
         tree, _ = underlying_tree(model)
-        q = model.expand(state.q) if isinstance(model, Projection) else state.q
-        return tree.joint_jacobian(q), *tree.placements()
+        return tree.kinematics(model.expand(state.q) if isinstance(model, Projection) else state.q)
 
     def _coordinates(self, state: State) -> np.ndarray:
         """Coordinates of the tree's joints."""
@@ -205,14 +203,13 @@ class Capstan:
         With the unit vectors a, b before and behind a guide and c = a · b = cos φ,
         ∂φ = -((b - c a) · ∂a + (a - c b) · ∂b) / sin φ.
         """
-        jacobian, rotations, translations = self._kinematics(state)
-        found = np.zeros((len(self.tendon), jacobian.shape[1]))
+        S, rotations, translations = self._kinematics(state)
+        found = np.zeros((len(self.tendon), len(S)))
         found[self._at_joints, self._dof] = np.sign(self._coordinates(state)[self._dof])
         if len(self._at_sites):
             before, behind, points = self._directions(rotations, translations)
-            moved = jacobian[None, :3].transpose(0, 2, 1) + np.cross(
-                jacobian[None, 3:].transpose(0, 2, 1), points.reshape(-1, 1, 3)
-            )  # columns of each point, (points, n, 3)
+            # columns of each point, (points, n, 3)
+            moved = S[:, :3] + np.cross(S[:, 3:], points.reshape(-1, 1, 3))
             moved = (moved * self._moves.T[self._bodies, :, None]).reshape(len(points), 3, -1, 3)
             cosine = np.einsum("gi,gi->g", before, behind)[:, None]
             sine = np.linalg.norm(np.cross(before, behind), axis=1)[:, None]

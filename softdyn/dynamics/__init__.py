@@ -7,9 +7,13 @@
 - `engine`: Pinocchio's model, built and checked against the strict parse, and views of its memory;
 - `kernels`: a State in one compiled function: M, g, the tip's J and J̇, forces;
 - `tendons`: lengths, moment arms ∂ℓ/∂q of fixed and spatial tendons, and their gradients;
+- `points`: a point of a body, its Jacobian and the Jacobian's derivative;
 - `coordinates`: places in q of each joint: continuous joints, floating bases;
-- `derivatives`: of accelerations and forces by q, q̇ and u; tangent and gravity stiffness;
+- `balance`: r = M a + h - B u - E d and its Jacobians, with winches and slow disturbances;
+- `implicit_step`: a step of backward Euler with stops, and its exact Jacobians;
 - `stops`: joint limits: which joints they hold, and the steps that they allow;
+- `winches`: the input of a motor that commands a cable's free length, and its inverse;
+- `derivatives`: those of accelerations; tangent and gravity stiffness;
 - `text`: the text that ``print`` shows of a model or a State;
 - `integrators`: one time step, Runge–Kutta or with implicit damping.
 """

@@ -11,9 +11,11 @@ from typing import Self
 
 import numpy as np
 
+from softdyn.compiled import compiled
 from softdyn.copies import Frozen
 from softdyn.dynamics.model import SoftModel, check_model
 
+ROUNDS = 20  # changes of the active set in a step
 TOUCHING = 1e-9  # a joint this close to a limit counts as at it (rad, m)
 
 
@@ -54,6 +56,37 @@ class Stops(Frozen):
         """Joints at their lower and at their upper limits (nv,) bool, up to a margin (rad, m)."""
         return at <= self.lower + margin, at >= self.upper - margin
 
+    def solve(
+        self, A: np.ndarray, r: np.ndarray, at: np.ndarray, step: float, held: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Speeds x (nv,) with A x + r = p, where p is the push of stops at the end of a step.
+
+        The joints end at `at` + step x, within their limits. A joint that would leave them is held
+        at its stop, as long as the stop pushes it inward (an active set).
+
+        Parameters
+        ----------
+        A, r : ndarray, (nv, nv), (nv,)
+            The linear balance of the joint forces.
+        at : ndarray, (nv,)
+            Joint coordinates before the step.
+        step : float
+            Its length (s).
+        held : ndarray of int, (nv,)
+            A first guess: 1 for a joint at its upper stop, -1 at the lower one, 0 for a free joint.
+
+        Returns
+        -------
+        x, held : ndarray, (nv,)
+
+        Raises
+        ------
+        LinAlgError
+            For a singular matrix, or one that is not finite.
+        """
+        held = held.copy()
+        return _solve(A, r, at, self.lower, self.upper, step, held), held
+
     def held(self, at: np.ndarray, r: np.ndarray) -> np.ndarray:
         """Joints (nv,) bool that the stops hold against the forces -r (nv,).
 
@@ -62,3 +95,38 @@ class Stops(Frozen):
         """
         lower, upper = self.hit(at)
         return lower & (r > 0) | upper & (r < 0) | self.locked
+
+
+@compiled
+def _solve(A, r, at, lower, upper, step, held):
+    """The speeds (n,) of `Stops.solve`; `held` is changed in place."""
+    n, x = len(r), np.empty(len(r))
+    for _ in range(ROUNDS):
+        rows = A.copy()
+        for i in range(n):
+            x[i] = -r[i]
+            if held[i] != 0:
+                rows[i] = 0.0
+                rows[i, i] = 1.0
+                x[i] = ((upper[i] if held[i] > 0 else lower[i]) - at[i]) / step
+        x = np.linalg.solve(rows, x)
+        left = False
+        for i in range(n):
+            there = at[i] + step * x[i]
+            if held[i] == 0 and (there > upper[i] or there < lower[i]):
+                held[i] = 1 if there > upper[i] else -1
+                left = True
+        if left:
+            continue
+        released = False
+        for i in range(n):
+            if held[i] != 0:
+                push = r[i]
+                for j in range(n):
+                    push += A[i, j] * x[j]
+                if push * held[i] > 0:
+                    held[i] = 0
+                    released = True
+        if not released:
+            break
+    return x

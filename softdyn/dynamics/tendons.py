@@ -117,9 +117,33 @@ class Tendons:
         np.add.at(arms, (self.segments.bodies[segment, 2], dof), values)
         return arms
 
+    def geometry(
+        self,
+        coordinates: np.ndarray,
+        S: np.ndarray,
+        rotations: np.ndarray,
+        translations: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The `lengths` (tendons,) and `moment_arms` (tendons, nv), by the kernel.
+
+        Parameters
+        ----------
+        coordinates : ndarray, (nv,)
+            Joint coordinates.
+        S : ndarray, (nv, 6)
+            Joint Jacobian columns (v; ω) about the world's origin, as rows.
+        rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
+            The bodies' poses.
+        """
+        lengths, arms = self.coefficients @ coordinates + self.offset, self.coefficients
+        if self.spatial:
+            arms = arms.copy()
+            moment_arms(arms, lengths, S, rotations, translations, *self.segments)
+        return lengths, arms
+
     def curvature(
         self,
-        jacobian: np.ndarray,
+        S: np.ndarray,
         rotations: np.ndarray,
         translations: np.ndarray,
         force: np.ndarray,
@@ -129,8 +153,8 @@ class Tendons:
 
         Parameters
         ----------
-        jacobian : ndarray, (6, nv)
-            Joint Jacobian columns (v; ω) about the world's origin.
+        S : ndarray, (nv, 6)
+            Joint Jacobian columns (v; ω) about the world's origin, as rows.
         rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
             The bodies' poses.
         force : ndarray, (tendons,)
@@ -138,12 +162,9 @@ class Tendons:
         v : ndarray, (nv,)
             Velocity.
         """
-        segments = self.segments
-        return segment_curvature(
-            np.ascontiguousarray(jacobian), *self._directions(rotations, translations),
-            segments.bodies, segments.pairs, segments.signs, force,
-            np.array(v, float),  # a read-only array would need a second compilation
-        )  # fmt: skip
+        if not v.flags.writeable:
+            v = v.copy()  # a read-only array would need a second compilation
+        return segment_curvature(S, rotations, translations, *self.segments, force, v)
 
     def _directions(
         self, rotations: np.ndarray, translations: np.ndarray
@@ -203,28 +224,45 @@ def moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pair
 
 
 @compiled
-def segment_curvature(jacobian, start, direction, norms, bodies, pairs, signs, force, v):
-    """Compute `Tendons.curvature`; only joints between a segment's ends contribute."""
-    nv = jacobian.shape[1]
+def segment_curvature(S, rotations, translations, bodies, offsets, pairs, signs, force, v):
+    """Compute `Tendons.curvature`; only joints between a segment's ends contribute.
+
+    The arguments are those of `moment_arms`, with force (tendons,) and v (nv,).
+    """
+    nv = len(S)
     total, rates = np.zeros((nv, nv)), np.zeros((len(force), nv))
     columns, along = np.empty((len(pairs), 3)), np.empty(len(pairs))
+    start, d, p = np.empty(3), np.empty(3), np.empty(3)
     last = 0
-    for s in range(len(norms)):
-        t, d = bodies[s, 2], direction[s]
-        length = max(norms[s], TINY)
+    for s in range(len(bodies)):
+        i, j, t = bodies[s, 0], bodies[s, 1], bodies[s, 2]
+        square = 0.0
+        for x in range(3):
+            start[x], end = translations[i, x], translations[j, x]
+            for y in range(3):
+                start[x] += rotations[i, x, y] * offsets[s, y]
+                end += rotations[j, x, y] * offsets[s, 3 + y]
+            d[x] = end - start[x]
+            square += d[x] * d[x]
+        norm = np.sqrt(square)
+        length = max(norm, TINY)
+        for x in range(3):
+            d[x] /= length
         first = last
         while last < len(pairs) and pairs[last, 1] == s:
             k, sign = pairs[last, 0], signs[last]
-            w = jacobian[3:, k]
-            p = start[s] + (norms[s] * d if sign > 0 else 0.0 * d)
-            columns[last, 0] = sign * (jacobian[0, k] + w[1] * p[2] - w[2] * p[1])
-            columns[last, 1] = sign * (jacobian[1, k] + w[2] * p[0] - w[0] * p[2])
-            columns[last, 2] = sign * (jacobian[2, k] + w[0] * p[1] - w[1] * p[0])
+            w = S[k, 3:]
+            for x in range(3):
+                p[x] = start[x] + (norm * d[x] if sign > 0 else 0.0)
+            columns[last, 0] = sign * (S[k, 0] + w[1] * p[2] - w[2] * p[1])
+            columns[last, 1] = sign * (S[k, 1] + w[2] * p[0] - w[0] * p[2])
+            columns[last, 2] = sign * (S[k, 2] + w[0] * p[1] - w[1] * p[0])
             c = columns[last]
             along[last] = c[0] * d[0] + c[1] * d[1] + c[2] * d[2]
             last += 1
         for a in range(first, last):
-            j, w = pairs[a, 0], jacobian[3:, pairs[a, 0]]
+            j = pairs[a, 0]
+            w = S[j, 3:]
             for b in range(a, last):
                 k, c = pairs[b, 0], columns[b]
                 value = -along[a] * along[b]

@@ -282,10 +282,10 @@ class TreeModel(SoftModel):
 
     def tendon_hessians(self, q: np.ndarray) -> np.ndarray:
         """Gradients of the moment arms ∂²ℓ/∂q² (tendons, n, n)."""
-        jacobian, poses, v = self.joint_jacobian(q), self.placements(), np.zeros(self.nv)
+        kinematics, v = self.kinematics(q), np.zeros(self.nv)
         hessians = np.empty((len(self.tendons.names), self.nv, self.nv))
         for t, unit in enumerate(np.eye(len(hessians))):
-            hessians[t] = self.tendons.curvature(jacobian, *poses, unit, v)[0]
+            hessians[t] = self.tendons.curvature(*kinematics, unit, v)[0]
         return hessians
 
     # -- configurations ------------------------------------------------------------------------
@@ -346,9 +346,13 @@ class TreeModel(SoftModel):
         For the q of the last State nothing is computed.
         """
         if self._scratch.latest is not q:
-            self.joint_jacobian(q)
-        rotations, translations = self.placements()
-        return self._scratch.memory.S, rotations, translations
+            pin.computeJointJacobians(self.pin_model, self.pin_data, self.about_base(q))
+        return self.last_kinematics()
+
+    def last_kinematics(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The `kinematics` of the engine's last algorithm, which had the joints' Jacobians."""
+        memory = self._scratch.results()
+        return memory.S, memory.rotations, memory.translations
 
     def joint_jacobian(self, q: np.ndarray) -> np.ndarray:
         """Joint Jacobian columns (v; ω) (6, n) about the world's or a floating base's origin."""

@@ -7,17 +7,16 @@
 
 - `ekf`, `parameters`: the extended Kalman filter, and the deviations that it assumes;
 - `estimate`: what it returns, and what an observer of a closed loop is;
-- `balance`, `implicit_step`: the prediction and its exact Jacobians;
+- `onto_stops`: a correction that ends within the joint limits;
 - `covariance`, `drift`: prediction and updates of the covariance, with disturbances that change;
-- `readings`, `arrivals`, `second_order`: predicted readings, rates and latencies of sensors, and
-  readings of a poorly known state;
+- `arrivals`, `second_order`: rates and latencies of sensors, and readings of a poorly known state;
 - `drives`: delay, rate and lag of motors;
 - `observability`: how well and how fast sensors show the state at an equilibrium;
 - `recorded`: the filter over recorded data, with residuals by sensor;
 - `consistency`: normalised errors, and their bounds.
 """
 
-from softdyn.estimation.balance import Disturbance
+from softdyn.dynamics.balance import Disturbance
 from softdyn.estimation.consistency import chi_squared_bounds, nees
 from softdyn.estimation.ekf import Ekf
 from softdyn.estimation.estimate import Observer

@@ -22,8 +22,8 @@ from softdyn.checks import number
 from softdyn.description.rig import LONGEST_DELAY, Sensor, SensorKind
 from softdyn.dynamics.model import SoftModel
 from softdyn.estimation.covariance import kept_rows
-from softdyn.estimation.readings import Prediction, Reader
 from softdyn.estimation.second_order import second_order, sharp
+from softdyn.sensing import Sensors
 
 SAME = 1e-3  # of a sampling interval or a step; times this close are one
 MATCH = 2e-6  # s, between the own times of a reading and of its prediction
@@ -38,8 +38,8 @@ class SensorChannel:
 
     Attributes
     ----------
-    read : Reader
-        It evaluates the readings and their Jacobians.
+    sensors : Sensors
+        They evaluate the readings and their Jacobians.
     rows : ndarray of int, (k,)
         Their numbers among all readings.
     bias, variance : ndarray, (k,)
@@ -61,7 +61,7 @@ class SensorChannel:
         The result of `errors`.
     """
 
-    read: Reader
+    sensors: Sensors
     rows: np.ndarray
     bias: np.ndarray
     variance: np.ndarray
@@ -98,16 +98,15 @@ class SensorChannel:
 
     def expect(
         self, q: np.ndarray, v: np.ndarray, u: np.ndarray, P: np.ndarray
-    ) -> tuple[Prediction, np.ndarray, np.ndarray]:
-        """The readings at q (nq,), v (nv,) and u (nu,), with their known errors and variances.
+    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
+        """The readings with their Jacobian at (q, v, u), their known errors and variances.
 
-        They have the nonlinear parts of `softdyn.estimation.second_order` for P (s, s). The next
-        call overwrites the readings.
+        They have the nonlinear parts of `softdyn.estimation.second_order` for P (s, s).
         """
-        predicted = self.read(q, v, u)
-        if self.linear or sharp(predicted.jacobian, P, self.variance):
+        predicted = self.sensors.predict(q, v, u)
+        if self.linear or sharp(predicted[1], P, self.variance):
             return predicted, self.bias, self.variance
-        shift, variance = second_order(self.read, (q, v, u), P, self.variance)
+        shift, variance = second_order(self.sensors, (q, v, u), P, self.variance)
         return predicted, self.bias + shift, variance
 
     def errors(self, predicted: np.ndarray, given: np.ndarray) -> np.ndarray:
@@ -118,7 +117,7 @@ class SensorChannel:
         if self.straight:
             return np.subtract(given, predicted, out=self.error)
         good = np.isfinite(given)
-        error = self.read.components.errors(predicted, np.where(good, given, predicted))
+        error = self.sensors.components.errors(predicted, np.where(good, given, predicted))
         self.error[:] = np.where(good, error, np.nan)
         return self.error
 
@@ -261,17 +260,17 @@ def sensor_channels(model: SoftModel, sensors: tuple[Sensor, ...]) -> list[Senso
             ]) for field in ("bias", "noise", "resolution")
         )  # fmt: skip
         variance = np.maximum(noise**2 + resolution**2 / 12, LEAST**2)
-        reader = Reader(model, tuple(sensors[k] for k in members))
+        read = Sensors(model, tuple(sensors[k] for k in members))
         fixed = {tendon.name for tendon in model.robot.tendons if not tendon.sites}
         linear = all(
             sensors[k].kind is SensorKind.JOINT
             or (sensors[k].kind is SensorKind.LENGTH and sensors[k].tendon in fixed)
             for k in members
         )
-        rows, parts = np.concatenate(numbers), reader.components
+        rows, parts = np.concatenate(numbers), read.components
         straight = not (parts.rotations or parts.angles)
         apart = latency / waiting * (1 - SAME)
         found.append(
-            SensorChannel(reader, rows, bias, variance, rate, latency, linear, straight, apart)
+            SensorChannel(read, rows, bias, variance, rate, latency, linear, straight, apart)
         )
     return found

@@ -22,7 +22,7 @@ def predict(P, by_state, by_force, noise, held, step, moving, kept, added, turn,
     P : ndarray, (s, s)
         Overwritten.
     by_state, by_force, held : ndarray
-        Fields of `softdyn.estimation.implicit_step.ImplicitStepResult`.
+        Fields of `softdyn.dynamics.implicit_step.ImplicitStepResult`.
     noise : ndarray, (n,)
         Variances of the joint forces, each for a second.
     step : float
@@ -107,10 +107,11 @@ def update(P, rows, errors, variances, change, gate):
 
     Returns
     -------
-    tuple of float, int and int
-        Σ e² / (h P hᵀ + R), and the numbers of readings used and of those beyond the gate.
+    tuple of float, int, int, float and float
+        Σ e² / S, the numbers of readings used and of those beyond the gate, and with the share
+        w = h P hᵀ / S of the prediction in the variance Σ w (e² / S - 1) and Σ w².
     """
-    size, nis, used, odd = len(P), 0.0, 0, 0
+    size, nis, used, odd, excess, known = len(P), 0.0, 0, 0, 0.0, 0.0
     row, gain, rest = np.zeros(size), np.empty(size), np.empty(size)
     for k in range(len(rows)):
         error = errors[k]
@@ -119,10 +120,14 @@ def update(P, rows, errors, variances, change, gate):
         row[: len(rows[k])] = rows[k]
         spread = np.dot(P, row)
         error -= np.dot(row, change)
-        variance = variances[k] + np.dot(row, spread)
+        predicted = np.dot(row, spread)
+        variance = variances[k] + predicted
         if error * error > gate * gate * variance:
             odd += 1
             variance = error * error / (gate * gate)
+        share = predicted / variance
+        excess += share * (error * error / variance - 1.0)
+        known += share * share
         nis += error * error / variance
         errors[k] = error / np.sqrt(variance)
         used += 1
@@ -134,7 +139,7 @@ def update(P, rows, errors, variances, change, gate):
             a, b, line = gain[i], rest[i], P[i]
             for j in range(size):
                 line[j] -= a * spread[j] + b * gain[j]
-    return nis, used, odd
+    return nis, used, odd, excess, known
 
 
 @compiled

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from softdyn.dynamics.balance import Disturbance
 from softdyn.dynamics.model import SoftModel
-from softdyn.estimation.balance import Disturbance
 
 
 class DriftStep(NamedTuple):

@@ -11,6 +11,8 @@ import numpy as np
 from softdyn.checks import array, fill, instances, real, vector
 from softdyn.copies import Separate
 from softdyn.description.rig import Sensor
+from softdyn.dynamics.balance import Disturbance, ForceBalance
+from softdyn.dynamics.implicit_step import ImplicitStep
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.estimation.arrivals import (
     MATCH,
@@ -20,7 +22,6 @@ from softdyn.estimation.arrivals import (
     SensorChannel,
     sensor_channels,
 )
-from softdyn.estimation.balance import Disturbance
 from softdyn.estimation.consistency import chi_squared_bounds
 from softdyn.estimation.covariance import (
     append,
@@ -33,7 +34,7 @@ from softdyn.estimation.covariance import (
 from softdyn.estimation.drift import DisturbanceDrift
 from softdyn.estimation.drives import Drives
 from softdyn.estimation.estimate import StateEstimate
-from softdyn.estimation.implicit_step import ImplicitStep, onto_stops
+from softdyn.estimation.onto_stops import onto_stops
 from softdyn.estimation.parameters import EkfCounts, EkfParameters, disturbances_of
 from softdyn.exceptions import InputError
 from softdyn.sensing import Sensors
@@ -45,6 +46,7 @@ LONGEST_GAP = 0.5  # s without a step; after it the covariance begins anew
 SURE = 1 - 1e-6  # the level at which first readings refute the start
 HALVINGS = 4  # of a step without a solution
 LARGEST = 1e6  # no reading is larger (rad, m, N, …)
+WINDOW = 0.1  # s, of the readings that judge the process noise: some pictures of a camera
 GATE = 20.0  # deviations; readings further from their prediction count less and less
 SET_BACK = 10  # refused steps with rising times; the clock is taken to be set back then
 
@@ -53,12 +55,19 @@ class Ekf(Separate):
     """An extended Kalman filter of a robot's state and slow disturbances.
 
     The prediction is a backward Euler step with exact Jacobians and joint stops
-    (`softdyn.estimation.implicit_step`). Readings are fused one by one in Joseph's form. Late ones
+    (`softdyn.dynamics.implicit_step`). Readings are fused one by one in Joseph's form. Late ones
     are fused at their own time (`softdyn.estimation.arrivals`). Motors have the lag, delay and rate
     of the robot's file (`softdyn.estimation.drives`). An estimate beyond a stop is moved onto it
     along the covariance (Simon and Chia 2002). A reading more than 20 deviations off counts as so
     uncertain that it is 20 deviations off (Chang 2014, with another bound): one wrong reading
     corrects little, and a filter that is wrong and sure of it still recovers.
+
+    The process noise adapts to the readings, between `EkfParameters.process`, where it begins, and
+    `EkfParameters.least_process`. With the errors e of the readings, their variances S and the
+    share w of the prediction in S, the log-likelihood of S ∝ e^(w x) has the slope
+    ½ Σ w (e² / S - 1) and the information ½ Σ w² by the logarithm x of the noise's variance. Each
+    step moves x by their ratio, with the information of the readings in a window (Fisher's scoring;
+    Mehra 1970; Bar-Shalom, Li and Kirubarajan 2001, section 11.6).
 
     Disturbances drift by `softdyn.estimation.drift`, with their deviations and the time `memory`.
     Accelerometers are read as without disturbances.
@@ -120,7 +129,8 @@ class Ekf(Separate):
             name: unit for one in self.disturbances for name, unit in one.units(model).items()
         }
         self._channels = sensor_channels(model, tuple(chosen))
-        self._step, self._drives = ImplicitStep(model, self.disturbances), Drives(model)
+        self._step = ImplicitStep(model, ForceBalance(model, self.disturbances))
+        self._drives = Drives(model)
         q, v = (model.q0, np.zeros(model.nv)) if start is None else start
         self._plain = model.nq == model.nv
         self._start = array("start[0]", q, (model.nq,)), array("start[1]", v, (model.nv,))
@@ -132,6 +142,7 @@ class Ekf(Separate):
             for one, a, b in zip(self.disturbances, ends, ends[1:], strict=False)
         }
         self._readings, self._commands = np.empty(self.components), np.empty(model.nu)
+        self._quietest = self.parameters.quietest
         self._first, self._force_noise, variances = self.parameters.variances(
             model, self.disturbances
         )
@@ -174,6 +185,7 @@ class Ekf(Separate):
 
     def _cover(self, scale: float) -> None:
         """Set the covariance of the start, scaled for the state; readings are forgotten."""
+        self._adapted, self._information = 0.0, 0.0
         self._P = np.diag(np.concatenate((scale * self._first, self._drift.variances)))
         self._late.clear()
         for channel in self._channels:
@@ -188,6 +200,11 @@ class Ekf(Separate):
     def counts(self) -> EkfCounts:
         """Counts of the filter's data."""
         return EkfCounts(**self._counted)
+
+    @property
+    def process(self) -> float:
+        """The process noise that the readings ask for; see `EkfParameters.process`."""
+        return self.parameters.process * math.exp(0.5 * self._adapted)
 
     def covariance_of(self, name: str) -> np.ndarray:
         """Covariance of the components of a disturbance that is estimated."""
@@ -245,6 +262,7 @@ class Ekf(Separate):
                 self._cover(self.parameters.widening)
                 self._time = t
         begin = t if first else self._time
+        self._information *= math.exp((begin - t) / WINDOW)
         waiting = [(own, one) for one in self._channels for own in one.waits(begin, t)]
         waiting.sort(key=lambda pair: pair[0])
         # a camera's picture of this instant is expected once the other readings of it are known
@@ -306,8 +324,9 @@ class Ekf(Separate):
             return halvings > 0 and all(
                 self._hold(commands, step / 2, halvings - 1) for _ in range(2)
             )
+        noise = math.exp(self._adapted) * self._force_noise
         predict(
-            self._P, found.by_state, found.by_force, self._force_noise, found.held, step,
+            self._P, found.by_state, found.by_force, noise, found.held, step,
             self._drift.moving, *self._drift.over(step),
         )  # fmt: skip
         self._q[:], self._v[:], self._held[:] = found.q, found.v, found.held
@@ -372,13 +391,20 @@ class Ekf(Separate):
                 self._change = np.empty(len(self._P))
             change = self._change
             change[:] = 0.0
+            slope = 0.0
             for channel, rows, error, variance in parts:
                 self._residuals[0, channel.where] = error
-                nis, used, doubted = update(self._P, rows, error, variance, change, GATE)
+                nis, used, doubted, excess, known = update(
+                    self._P, rows, error, variance, change, GATE
+                )
                 self._residuals[1, channel.where] = error
                 self._nis, self._used = self._nis + nis, self._used + used
                 self._count("doubted", doubted)
+                slope, self._information = slope + excess, self._information + known
             self._count("used", self._used)
+            # the 1 is a reading that would be all prediction: no step on almost no information
+            adapted = self._adapted + slope / (1.0 + self._information)
+            self._adapted = min(max(adapted, self._quietest), 0.0)
             if not math.isfinite(change @ change):
                 return False
             self._move(change)

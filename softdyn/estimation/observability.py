@@ -21,9 +21,9 @@ from softdyn.actuation import Winches
 from softdyn.checks import number
 from softdyn.description.rig import CommandKind, Sensor
 from softdyn.description.robot import sliding
+from softdyn.dynamics.balance import Disturbance
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.estimation.arrivals import sensor_channels
-from softdyn.estimation.balance import Disturbance
 from softdyn.estimation.ekf import FROM_FILE, Ekf
 from softdyn.estimation.parameters import EkfParameters
 from softdyn.sensing import Sensors

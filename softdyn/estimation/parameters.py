@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 import numpy as np
 
 from softdyn.checks import number
+from softdyn.dynamics.balance import Disturbance
 from softdyn.dynamics.model import SoftModel
-from softdyn.estimation.balance import Disturbance
 from softdyn.exceptions import InputError
 
 HORIZON = 0.3  # s, of the force that moves a joint without a spring, and of the first velocity
@@ -31,7 +32,10 @@ class EkfParameters:
     process : float
         Standard deviation of the unmodelled joint forces, each constant over 10 ms, as a share of
         the force of the joint's spring over its range. Without a spring it is the force that moves
-        the joint through its range in `HORIZON`.
+        the joint through its range in `HORIZON`. The filter begins with it, and lowers it as far as
+        the readings agree with the model.
+    least_process : float
+        The lower bound of this. Where `process` is not larger, it is constant.
     memory : float
         Time (s) over which a disturbance may change by its own deviation
         (`softdyn.estimation.drift`).
@@ -50,6 +54,7 @@ class EkfParameters:
     spread: float = 0.01
     lost: float = 0.1
     process: float = 0.4
+    least_process: float = 0.004
     memory: float = 1.0
     tip_force: float = 1.0
     payload: float = 0.05
@@ -66,6 +71,11 @@ class EkfParameters:
     def widening(self) -> float:
         """The factor from the variances of a known start to those of an unknown one."""
         return max(self.lost / self.spread, 1.0) ** 2
+
+    @property
+    def quietest(self) -> float:
+        """Logarithm of the factor from the variance of `process` to the least one, at most 0."""
+        return 2 * min(math.log(self.least_process / self.process), 0.0)
 
     def variances(
         self, model: SoftModel, disturbances: tuple[Disturbance, ...]

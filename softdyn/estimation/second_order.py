@@ -11,13 +11,13 @@ from __future__ import annotations
 import numpy as np
 
 from softdyn.compiled import compiled
-from softdyn.estimation.readings import Reader
+from softdyn.sensing import Sensors
 
 SHARP = 30.0  # times its own variance; a reading that is known as well as this is as good as linear
 
 
 def second_order(
-    read: Reader,
+    sensors: Sensors,
     state: tuple[np.ndarray, np.ndarray, np.ndarray],
     P: np.ndarray,
     variance: np.ndarray,
@@ -26,8 +26,8 @@ def second_order(
 
     Parameters
     ----------
-    read : Reader
-        It evaluates the readings.
+    sensors : Sensors
+        They evaluate the readings.
     state : (ndarray, ndarray, ndarray)
         q (nq,), v (nv,) and u (nu,).
     P : ndarray, (s, s)
@@ -36,7 +36,7 @@ def second_order(
         The readings' own variances.
     """
     n = len(state[1])
-    products = read.hessians(*state) @ P[:n, :n]
+    products = sensors.hessians(*state) @ P[:n, :n]
     shift = 0.5 * np.trace(products, axis1=1, axis2=2)
     return shift, variance + 0.5 * np.einsum("kij,kji->k", products, products)
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 
-from softdyn.dynamics.derivatives import residual_derivatives
+from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import SoftdynError
 from softdyn.identification.parameters import Parameter, columns_of
@@ -149,9 +149,9 @@ def _step(
     model, around = models
 
     def linearised() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        by_q, by_v = residual_derivatives(model, configuration, V, a, u)
-        by_v = by_v + rub.slope(V)
-        return by_q, by_v, np.linalg.inv((state.M + hg * by_v + hg * hg * by_q)[block])
+        terms = balance(configuration, V, a, u)
+        by_q, by_v = terms.by_q, terms.by_v + rub.slope(V)
+        return by_q, by_v, np.linalg.inv((terms.by_a + hg * by_v + hg * hg * by_q)[block])
 
     def reached() -> tuple[np.ndarray, np.ndarray]:
         V = v0 + hg * a
@@ -159,7 +159,7 @@ def _step(
         Q[driven], V[driven] = moving[:2]
         return Q, V
 
-    block = np.ix_(free, free)
+    block, balance = np.ix_(free, free), ForceBalance(model, motors=())
     slopes: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []  # V, A, dV, dA
     for weights, moving in zip(STAGES, known, strict=True):
         hg = h * weights[-1]

@@ -25,16 +25,18 @@ import pinocchio as pin
 
 from softdyn.checks import did_you_mean, vector
 from softdyn.description.rig import Sensor, SensorKind
-from softdyn.dynamics.derivatives import Derivatives, acceleration_derivatives, tendon_curvature
+from softdyn.dynamics.derivatives import Derivatives, acceleration_derivatives
 from softdyn.dynamics.engine import BASE
 from softdyn.dynamics.model import SoftModel, State, check_model, check_state, taut_gains
-from softdyn.dynamics.projection import Projection, underlying_tree
+from softdyn.dynamics.points import BodyPoint, PointMotion
+from softdyn.dynamics.projection import Projection, project, underlying_tree
 from softdyn.dynamics.tree import TreeModel
 from softdyn.exceptions import InputError
 from softdyn.sensing.measurement import Components, Measurement
 
 LOCAL = pin.ReferenceFrame.LOCAL
 SUFFIXES = {1: ("",), 3: (".x", ".y", ".z"), 6: (".x", ".y", ".z", ".rx", ".ry", ".rz")}
+STEP = 1e-5  # rad, m; of the differences of Jacobians
 ON_LINKS = (SensorKind.POSITION, SensorKind.POSE, SensorKind.GYRO, SensorKind.ACCELEROMETER)
 
 
@@ -47,20 +49,23 @@ class Place(NamedTuple):
         Its tendon, the degree of freedom of its joint, or the moving body that carries it.
     frame : pinocchio.SE3
         Its frame in this body's.
+    point : BodyPoint or None
+        The origin of this frame, if the sensor is on a link.
     """
 
     number: int
-    frame: pin.SE3
+    frame: pin.SE3 = pin.SE3(1)
+    point: BodyPoint | None = None
 
 
-class SensorRows(NamedTuple):
-    """One sensor's part of the results, zero until a reader fills it.
+class SensorReadings(NamedTuple):
+    """The readings of all sensors, zero until each sensor's reader fills in its rows.
 
     Attributes
     ----------
-    values : ndarray, (size,)
+    values : ndarray, (k,)
         The readings.
-    by_q, by_v, by_u : ndarray, (size, nv), (size, nv), (size, nu)
+    by_q, by_v, by_u : ndarray, (k, nv), (k, nv), (k, nu)
         Their derivatives.
     """
 
@@ -96,10 +101,11 @@ class Sensors:
     def __init__(self, model: SoftModel, sensors: tuple[Sensor, ...] | None = None) -> None:
         self.model = check_model(model)
         sensors = model.robot.sensors if sensors is None else sensors
-        tree, _ = underlying_tree(model)
+        tree, self._S = underlying_tree(model)
+        self._tree = tree
         names: list[str] = []
         turned, wrapped = [], []
-        self._parts: list[tuple[Callable[[Moment, Place, SensorRows], None], Place, slice]] = []
+        self._parts: list[tuple[Reader, Place, slice]] = []
         for sensor in sensors:
             place, first = place_of(tree, sensor), len(names)
             names += [sensor.name + suffix for suffix in SUFFIXES[sensor.kind.size]]
@@ -109,24 +115,59 @@ class Sensors:
             if sensor.kind is SensorKind.JOINT and tree.chart.continuous[place.number]:
                 wrapped.append(first)
         self.components = Components(tuple(names), tuple(turned), tuple(wrapped))
-        kinds = [sensor.kind for sensor in sensors]
-        self._accelerates = SensorKind.ACCELEROMETER in kinds
+        self._kinds = [sensor.kind for sensor in sensors]
+        self._accelerates = SensorKind.ACCELEROMETER in self._kinds
 
     def measure(self, state: State, u: np.ndarray) -> Measurement:
         """The readings without errors, and their derivatives: see `SoftModel.measure`."""
         model = self.model
-        n = model.nv
         check_state(model, state)
-        moment = Moment(model, state, vector("u", u, model.nu), self._accelerates)
-        size = len(self.components.names)
-        values, jacobian, by_u = np.zeros(size), np.zeros((size, 2 * n)), np.zeros((size, model.nu))
-        by_q, by_v = jacobian[:, :n], jacobian[:, n:]
+        at = self._moment(state.q, state.v, vector("u", u, model.nu), state)
+        return Measurement(*self._read(at), self.components)
+
+    def predict(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The readings (k,) at q (nq,), v (nv,) and u (nu,), and their Jacobian (k, 2 nv).
+
+        It needs no `State`, and does not check its arguments.
+        """
+        return self._read(self._moment(q, v, u))[:2]
+
+    def _moment(
+        self, q: np.ndarray, v: np.ndarray, u: np.ndarray, state: State | None = None
+    ) -> Moment:
+        model = self.model
+        tree_q = model.expand(q) if isinstance(model, Projection) else q
+        return Moment(model, self._tree, self._S, q, tree_q, v, u, self._accelerates, state)
+
+    def _read(self, at: Moment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        n, m, size = self.model.nv, self.model.nu, len(self.components.names)
+        values, jacobian, by_u = np.zeros(size), np.zeros((size, 2 * n)), np.zeros((size, m))
+        found = SensorReadings(values, jacobian[:, :n], jacobian[:, n:], by_u)
         for read, place, rows in self._parts:
-            read(moment, place, SensorRows(values[rows], by_q[rows], by_v[rows], by_u[rows]))
-        return Measurement(values, jacobian, by_u, self.components)
+            read(at, place, rows, found)
+        return values, jacobian, by_u
+
+    def hessians(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """The second derivatives (k, nv, nv) of `predict` by q, symmetric.
+
+        They are analytic if all sensors read lengths, positions and joints, else differences.
+        """
+        n = self.model.nv
+        if BENDS.keys() >= set(self._kinds):
+            at = self._moment(q, v, u)
+            found = np.zeros((len(self.components.names), n, n))
+            for kind, (_, place, rows) in zip(self._kinds, self._parts, strict=True):
+                BENDS[kind](at, place, found[rows])
+        else:
+            ends = [
+                [self.predict(self.model.integrate(q, x), v, u)[1][:, :n] for x in (step, -step)]
+                for step in STEP * np.eye(n)
+            ]
+            found = np.stack([ahead - behind for ahead, behind in ends], axis=2) / (2 * STEP)
+        return 0.5 * (found + found.transpose(0, 2, 1))  # turns of a floating base do not commute
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # frozen, its creation would take as long as a reading
 class Moment:
     """The terms at one state that several sensors share, each computed at most once.
 
@@ -134,137 +175,147 @@ class Moment:
     ----------
     model : SoftModel
         The robot's model.
-    state : State
-        The robot's state.
-    u : ndarray, (nu,)
-        Input.
+    tree, S : TreeModel, ndarray or None
+        The tree that computes its terms: see `softdyn.dynamics.projection.underlying_tree`.
+    q, tree_q : ndarray, (nq,), (tree.nq,)
+        Configurations of the model and of the tree.
+    v, u : ndarray, (nv,), (nu,)
+        Velocity and input.
     accelerates : bool
         Whether a sensor needs q̈.
+    state : State, optional
+        The State of (q, v), if there is one.
     """
 
     model: SoftModel
-    state: State
+    tree: TreeModel
+    S: np.ndarray | None
+    q: np.ndarray
+    tree_q: np.ndarray
+    v: np.ndarray
     u: np.ndarray
     accelerates: bool
-
-    @cached_property
-    def tree(self) -> TreeModel:
-        """The tree that computes the model's terms."""
-        return underlying_tree(self.model)[0]
-
-    @cached_property
-    def q(self) -> np.ndarray:
-        """The tree's configuration."""
-        model, q = self.model, self.state.q
-        return model.expand(q) if isinstance(model, Projection) else q
+    state: State | None = None
 
     def projected(self, rows: np.ndarray) -> np.ndarray:
         """Derivatives (k, nv) from those by the tree's velocities or displacements."""
-        return rows @ self.model.S if isinstance(self.model, Projection) else rows
+        return rows if self.S is None else rows @ self.S
+
+    @cached_property
+    def kinematics(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Views of the engine's results: it may only be used for the same q meanwhile."""
+        return self.tree.kinematics(self.tree_q)
+
+    @cached_property
+    def cables(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lengths (tendons,) and moment arms (tendons, nv)."""
+        if self.state is not None:
+            return self.state.lengths, self.state.moment_arms
+        coordinates = self.tree.chart.of(self.tree_q)
+        lengths, arms = self.tree.tendons.geometry(coordinates, *self.kinematics)
+        return lengths, self.projected(arms)
 
     @cached_property
     def arm_rates(self) -> np.ndarray:
         """Rates (tendons, nv) of the moment arms."""
-        none = np.zeros(len(self.state.lengths))
-        return tendon_curvature(self.model, self.state.q, none, self.state.v)[1]
+        tendons = self.tree.tendons
+        none, v = np.zeros(len(tendons.names)), self.v if self.S is None else self.S @ self.v
+        return self.projected(tendons.curvature(*self.kinematics, none, v)[1])
 
     @cached_property
     def elasticity(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Stiffness and damping of the taut tendons, and the springs' and dampers' tensions."""
-        state, model = self.state, self.model
-        rates = state.moment_arms @ state.v
-        gain, damping = taut_gains(model, state.lengths, rates)
-        return gain, damping, gain * (state.lengths - model.tendon_rest) + damping * rates
+        model, (lengths, arms) = self.model, self.cables
+        rates = arms @ self.v
+        gain, damping = taut_gains(model, lengths, rates)
+        return gain, damping, gain * (lengths - model.tendon_rest) + damping * rates
 
     @cached_property
     def acceleration(self) -> Derivatives:
         """q̈ and its derivatives."""
-        return acceleration_derivatives(self.model, self.state.q, self.state.v, self.u)
+        return acceleration_derivatives(self.model, self.q, self.v, self.u)
 
     @cached_property
     def data(self) -> pin.Data:
-        """Pinocchio's results of the kinematics, with q̈ for the accelerometers.
-
-        Before the sensors on links are read, the engine may only be used for the same q.
-        """
-        tree, v = self.tree, self.state.v
+        """Pinocchio's results of velocities and accelerations, for gyros and accelerometers."""
+        tree, v = self.tree, self.v
         a = self.acceleration.value if self.accelerates else np.zeros(self.model.nv)
-        if isinstance(self.model, Projection):
-            v, a = self.model.S @ v, self.model.S @ a
-        engine, q = tree.pin_model, tree.about_base(self.q)
+        if self.S is not None:
+            v, a = self.S @ v, self.S @ a
+        engine, q = tree.pin_model, tree.about_base(self.tree_q)
         pin.computeForwardKinematicsDerivatives(engine, tree.pin_data, q, v, a)
         return tree.pin_data
 
 
-def _length(at: Moment, place: Place, rows: SensorRows) -> None:
-    rows.values[:] = at.state.lengths[place.number]
-    rows.by_q[:] = at.state.moment_arms[place.number]
+Reader = Callable[[Moment, Place, slice, SensorReadings], None]
 
 
-def _tension(at: Moment, place: Place, rows: SensorRows) -> None:
+def _length(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
+    lengths, arms = at.cables
+    out.values[rows], out.by_q[rows] = lengths[place.number], arms[place.number]
+
+
+def _tension(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
     t, tree = place.number, at.tree
     gain, damping, tension = at.elasticity
     pulls = np.where(tree.actuated == t, -tree.gear, 0.0)
-    arms = at.state.moment_arms[t]
-    rows.values[:] = tension[t] + pulls @ at.u
-    rows.by_q[:] = gain[t] * arms
+    arms = at.cables[1][t]
+    out.values[rows] = tension[t] + pulls @ at.u
+    out.by_q[rows] = gain[t] * arms
     if damping[t]:
-        rows.by_q[:] += damping[t] * at.arm_rates[t]
-    rows.by_v[:] = damping[t] * arms
-    rows.by_u[:] = pulls
+        out.by_q[rows] += damping[t] * at.arm_rates[t]
+    out.by_v[rows] = damping[t] * arms
+    out.by_u[rows] = pulls
 
 
-def _joint(at: Moment, place: Place, rows: SensorRows) -> None:
-    rows.values[:] = at.tree.coordinates(at.q)[place.number]
-    rows.by_q[:] = at.projected(np.eye(1, at.tree.nv, place.number))
+def _joint(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
+    out.values[rows] = at.tree.coordinates(at.tree_q)[place.number]
+    out.by_q[rows] = at.projected(np.eye(1, at.tree.nv, place.number))
 
 
-def _position(at: Moment, place: Place, rows: SensorRows) -> None:
-    _placed(at, place, SensorRows(rows.values[:3], rows.by_q[:3], rows.by_v, rows.by_u))
-
-
-def _pose(at: Moment, place: Place, rows: SensorRows) -> None:
-    frame, turning = _placed(
-        at, place, SensorRows(rows.values[:3], rows.by_q[:3], rows.by_v, rows.by_u)
-    )
-    rows.values[3:] = pin.log3(frame.rotation)
-    rows.by_q[3:] = at.projected(turning)
-
-
-def _placed(at: Moment, place: Place, rows: SensorRows) -> tuple[pin.SE3, np.ndarray]:
-    """Fill in the position; the frame, and its angular Jacobian in its own axes."""
-    data, engine = at.data, at.tree.pin_model
-    frame = data.oMi[place.number] * place.frame
-    jacobian = pin.getFrameJacobian(engine, data, place.number, place.frame, LOCAL)
-    jacobian = np.reshape(jacobian, (6, at.tree.nv))
-    rows.values[:] = frame.translation
+def _position(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
+    motion, three = _moved(at, place), slice(rows.start, rows.start + 3)
+    out.values[three], out.by_q[three] = motion.y, at.projected(motion.J)
     if at.tree.chart.floating:
-        rows.values[:] += at.q[:3]
-    rows.by_q[:] = at.projected(frame.rotation @ jacobian[:3])
-    return frame, jacobian[3:]
+        out.values[three] += at.tree_q[:3]
 
 
-def _gyro(at: Moment, place: Place, rows: SensorRows) -> None:
+def _pose(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
+    _position(at, place, rows, out)
+    rotation, turn = (
+        at.kinematics[1][place.number] @ place.frame.rotation,
+        slice(rows.stop - 3, rows.stop),
+    )
+    out.values[turn] = pin.log3(rotation)
+    out.by_q[turn] = at.projected(rotation.T @ _moved(at, place).turning)
+
+
+def _moved(at: Moment, place: Place) -> PointMotion:
+    assert place.point is not None
+    return place.point.at(*at.kinematics)
+
+
+def _gyro(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
     data, engine = at.data, at.tree.pin_model
-    rows.values[:] = pin.getFrameVelocity(engine, data, place.number, place.frame, LOCAL).angular
+    out.values[rows] = pin.getFrameVelocity(engine, data, place.number, place.frame, LOCAL).angular
     by = pin.getFrameVelocityDerivatives(engine, data, place.number, place.frame, LOCAL)
     by_q, by_v = (np.reshape(block, (6, at.tree.nv))[3:] for block in by)
-    rows.by_q[:], rows.by_v[:] = at.projected(by_q), at.projected(by_v)
+    out.by_q[rows], out.by_v[rows] = at.projected(by_q), at.projected(by_v)
 
 
-def _accelerometer(at: Moment, place: Place, rows: SensorRows) -> None:
+def _accelerometer(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
     data, engine = at.data, at.tree.pin_model
     where = engine, data, place.number, place.frame, LOCAL
     rotation = data.oMi[place.number].rotation @ place.frame.rotation
     gravity = rotation.T @ engine.gravity.linear
-    rows.values[:] = pin.getFrameClassicalAcceleration(*where).linear - gravity
+    out.values[rows] = pin.getFrameClassicalAcceleration(*where).linear - gravity
     blocks = pin.getPointClassicAccelerationDerivatives(*where)[1:]
     by_q, by_v, by_a = (np.reshape(block, (3, at.tree.nv)) for block in blocks)
     turning = np.reshape(pin.getFrameJacobian(*where), (6, at.tree.nv))[3:]
     by_a, found = at.projected(by_a), at.acceleration
-    rows.by_q[:] = at.projected(by_q - pin.skew(gravity) @ turning) + by_a @ found.q
-    rows.by_v[:] = at.projected(by_v) + by_a @ found.v
-    rows.by_u[:] = by_a @ found.u
+    out.by_q[rows] = at.projected(by_q - pin.skew(gravity) @ turning) + by_a @ found.q
+    out.by_v[rows] = at.projected(by_v) + by_a @ found.v
+    out.by_u[rows] = by_a @ found.u
 
 
 READERS = {
@@ -275,6 +326,31 @@ READERS = {
     SensorKind.GYRO: _gyro,
     SensorKind.ACCELEROMETER: _accelerometer,
     SensorKind.JOINT: _joint,
+}
+
+
+def _bend_length(at: Moment, place: Place, hessians: np.ndarray) -> None:
+    tree = at.tree
+    chosen = (np.arange(len(tree.tendons.names)) == place.number).astype(float)
+    bend, _ = tree.tendons.curvature(*at.kinematics, chosen, np.zeros(tree.nv))
+    hessians[0] = project(at.S, bend)
+
+
+def _bend_position(at: Moment, place: Place, hessians: np.ndarray) -> None:
+    assert place.point is not None
+    motion = _moved(at, place)
+    for x, axis in enumerate(np.eye(3)):
+        hessians[x] = project(at.S, place.point.curvature(motion, axis))
+
+
+def _straight(at: Moment, place: Place, hessians: np.ndarray) -> None:
+    """A joint's reading is linear."""
+
+
+BENDS = {
+    SensorKind.LENGTH: _bend_length,
+    SensorKind.POSITION: _bend_position,
+    SensorKind.JOINT: _straight,
 }
 
 
@@ -291,13 +367,15 @@ def place_of(tree: TreeModel, sensor: Sensor) -> Place:
         _known(sensor, sensor.link, "link", [link.name for link in robot.links])
         frame = tree.pin_model.frames[tree.pin_model.getFrameId(sensor.link, pin.FrameType.BODY)]
         own = pin.SE3(sensor.origin.rotation, sensor.origin.translation)
-        return Place(frame.parentJoint, frame.placement * own)
+        at = frame.placement * own
+        point = BodyPoint(tree.pin_model, frame.parentJoint, at.translation)
+        return Place(frame.parentJoint, at, point)
     if sensor.kind is SensorKind.JOINT:
         base = len(BASE) if robot.floating else 0  # a joint may have the name of one of these
         names = tree.joint_names[base:]
-        return Place(base + _known(sensor, sensor.joint, "joint that moves", names), pin.SE3(1))
+        return Place(base + _known(sensor, sensor.joint, "joint that moves", names))
     names = tree.tendons.names
-    return Place(_known(sensor, sensor.tendon, "tendon", names), pin.SE3(1))
+    return Place(_known(sensor, sensor.tendon, "tendon", names))
 
 
 def _known(sensor: Sensor, name: str, what: str, names: Sequence[str]) -> int:

@@ -34,10 +34,8 @@ samples
     Random inputs and shapes, and stable equilibria from them.
 reachable
     Targets that a robot can reach: points, paths, rates; directions of the tip in each cell.
-task_search
-    `inputs_for_tasks`: inputs that hold a pose or several points; residuals by task.
-tip_search
-    `inputs_for_tip`: uses `approach`, `explore` and random shapes.
+target_search
+    The search for inputs that hold a target: `inputs_for_tip`, `inputs_for_tasks`.
 zero_dynamics
     Rank of B, stiffness against gravity in directions without an input, poles of the zero dynamics.
 suspicious_values
@@ -61,8 +59,12 @@ from softdyn.statics.reachable import (
 )
 from softdyn.statics.samples import random_inputs, random_shapes, sample_between, sample_rests
 from softdyn.statics.stops import HardStops, SoftStops
-from softdyn.statics.task_search import TaskSearch, inputs_for_tasks
-from softdyn.statics.tip_search import TipSearch, inputs_for_tip
+from softdyn.statics.target_search import (
+    TaskSearch,
+    TipSearch,
+    inputs_for_tasks,
+    inputs_for_tip,
+)
 from softdyn.statics.unknown_inputs import explore
 from softdyn.statics.zero_dynamics import zero_spectrum
 

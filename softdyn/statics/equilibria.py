@@ -122,7 +122,7 @@ def balance(
     return _equilibrium(model, u, here, H)
 
 
-class Friction(Protocol):
+class FrictionAtRest(Protocol):
     """Joint forces of cables that rub, for `newton`."""
 
     def forces(self, state: State) -> np.ndarray:
@@ -137,7 +137,7 @@ def newton(
     u: np.ndarray,
     start: np.ndarray,
     stops: HardStops | SoftStops,
-    friction: Friction | None = None,
+    friction: FrictionAtRest | None = None,
 ) -> tuple[Forces, np.ndarray]:
     """Newton's method of `balance`, also with friction: K + g - B u - friction = 0.
 
@@ -269,7 +269,7 @@ def _forces(
     q: np.ndarray,
     u: np.ndarray,
     stops: HardStops | SoftStops,
-    friction: Friction | None = None,
+    friction: FrictionAtRest | None = None,
 ) -> Forces:
     state = model.state(q, np.zeros(model.nv))
     r = state.K + state.bias - state.B @ u

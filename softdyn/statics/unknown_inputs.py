@@ -46,6 +46,7 @@ class TargetProblem:
 
     model: SoftModel
     measure: Measure
+    locked: np.ndarray  # (nv,) bool, joints without room
     free: np.ndarray  # (unknowns,) their places among (coordinates, u)
     fixed: np.ndarray  # (nv + nu,) the values of the others
     scale: np.ndarray  # (nv + nu,) size of coordinates and inputs
@@ -69,8 +70,8 @@ class TargetProblem:
 
         The errors' size is by default a thirtieth of their change over the ranges of all joints.
         """
-        model, stops = start.model, Stops.of(start.model)
-        span = np.where(stops.locked, 1.0, np.minimum(model.upper - model.lower, 1.0))
+        model, locked = start.model, Stops.of(start.model).locked
+        span = np.where(locked, 1.0, np.minimum(model.upper - model.lower, 1.0))
         force = np.abs(np.diag(start.stiffness)) * span
         inputs = input_scale(model, start)
         if force.max() <= start.rounding:  # no stiffness at rest: the inputs alone
@@ -79,12 +80,12 @@ class TargetProblem:
         force = np.where(force > 0, force, 1.0)
         scale = np.concatenate((span, inputs))
         fixed = np.concatenate((model.lower, model.u_min))
-        free = np.flatnonzero(~np.concatenate((stops.locked, locked_inputs(model))))
+        free = np.flatnonzero(~np.concatenate((locked, locked_inputs(model))))
         low = fixed[free] / scale[free]
         high = np.concatenate((model.upper, model.u_max))[free] / scale[free]
         if length is None:
             length = max(float(np.linalg.norm(measure(start.state)[1] * span)), 1e-3) / 30
-        return cls(model, measure, free, fixed, scale, force, length, low, high)
+        return cls(model, measure, locked, free, fixed, scale, force, length, low, high)
 
     def unknowns(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
         """The unknowns of a configuration (nq,) and an input (nu,)."""
@@ -110,7 +111,7 @@ class TargetProblem:
     def near_stops(self, q: np.ndarray) -> bool:
         """Whether any joint with room is within a tenth of its scale of a limit."""
         lower, upper = self._at_stops(q, 0.1)
-        return bool(((lower | upper) & ~Stops.of(self.model).locked).any())
+        return bool(((lower | upper) & ~self.locked).any())
 
     def to_stops(self, q: np.ndarray) -> np.ndarray:
         """A configuration (nq,) with joints at their limits that only soft stops keep away."""
@@ -145,7 +146,7 @@ class _Residual:
         state = model.state(model.configuration(coordinates), np.zeros(model.nv))
         r = state.K + state.bias - state.B @ u
         if soft is None:
-            r[Stops.of(model).locked] = 0.0  # their stops take any force
+            r[problem.locked] = 0.0  # their stops take any force
         else:
             r = r - soft.push(coordinates, r)[0]
         error = weight * problem.measure(state)[0]
@@ -169,7 +170,7 @@ class _Residual:
         if self.soft is not None:
             slope[:n, :n] += np.diag(self.soft.stiffness(coordinates))
         slope[:n, n:], slope[n:, :n] = -self.state.B, self.weight * jacobian
-        slope[:n][Stops.of(model).locked] = 0.0
+        slope[:n][problem.locked] = 0.0
         size = np.concatenate((problem.force, np.full(len(jacobian), problem.length)))
         slope = np.take(slope * (problem.scale / size[:, None]), problem.free, axis=1)
         if self.soft is None:

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from softdyn.description.robot import sliding
+from softdyn.dynamics.balance import ForceBalance
+from softdyn.dynamics.derivatives import stiffness as tangent_stiffness
+from softdyn.dynamics.implicit_step import ImplicitStep
 from softdyn.dynamics.model import SoftModel
 from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
@@ -17,7 +20,6 @@ SETTLE = 8.0  # s, the longest wait until the robot rests
 RAMP, HOLD = 0.9, 0.5  # s
 TRAVEL = 0.25  # the tip's travel over the robot's length
 BEND = 0.5  # rad, the largest turn of a joint
-LIMIT_RATE = 400.0  # rad/s, frequency of a stop: stiff beside gravity, and the step damps it
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,16 +65,25 @@ def rest_page(model: SoftModel) -> Page:
 def rest_sweep(model: SoftModel) -> RestSweep:
     """Let the robot come to rest without input, then raise and lower each input in turn.
 
-    A robot with inputs follows its analytic dynamics, with stiff springs as joint limits. The
+    A robot with inputs follows its analytic dynamics. It stands where a step has no solution. The
     stiffness at rest gives the amplitudes, within the bounds: the tip moves about `TRAVEL` of the
     robot's length, and no joint turns by more than about `BEND`. A robot without inputs, or with a
     floating base, stays at q = 0 and each joint moves in turn.
     """
     if not model.nu or model.robot.floating:
         return _joints(model)
-    q, v, zero = model.q0, np.zeros(model.nv), np.zeros(model.nu)
+    stepper = ImplicitStep(model, ForceBalance(model, motors=()))
+    zero, still, held = np.zeros(model.nu), np.zeros(model.nv), None
+
+    def after(
+        q: np.ndarray, v: np.ndarray, u: np.ndarray, held: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        found = stepper(q, v, u, np.zeros(0), STEP, held)
+        return (q, still, held) if found is None else (found.q, found.v, found.held)
+
+    q, v = model.q0, still
     for _ in range(round(SETTLE / STEP)):
-        q, v = _step(model, q, v, zero)
+        q, v, held = after(q, v, zero, held)
         if float(np.abs(v).max()) < 1e-3:
             break
     peaks = _peaks(model, q)
@@ -88,38 +99,16 @@ def rest_sweep(model: SoftModel) -> RestSweep:
             for part in shape:
                 u = zero.copy()
                 u[i] = part * peak
-                q, v = _step(model, q, v, u)
+                q, v, held = after(q, v, u, held)
                 t += STEP
                 rows.append((t, q, u, model.state(q, v).y))
     return _sweep(rows[::6], notes)  # 33 frames a second
 
 
-def _step(
-    model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Linearly implicit Euler: (M + h D + h² K') a = B u - h(q + h v, v), right side linearised."""
-    state = model.state(q, v)
-    x = model.coordinates(q)
-    beyond = np.minimum(x - model.lower, 0) + np.maximum(x - model.upper, 0)
-    inertia = np.diag(state.M)
-    stop = np.where(beyond != 0, inertia * LIMIT_RATE**2, 0)
-    force = state.B @ u - state.h - stop * beyond
-    stiff = model.stiffness + stop
-    damp = state.D + np.diag(2 * inertia * LIMIT_RATE * (beyond != 0))
-    A = state.M + STEP * damp + np.diag(STEP**2 * stiff)
-    v = v + np.linalg.solve(A, STEP * (force - (damp - state.D) @ v - STEP * stiff * v))
-    return model.integrate(q, STEP * v), v
-
-
 def _peaks(model: SoftModel, q: np.ndarray) -> np.ndarray:
     """Highest and lowest value (nu, 2) of each input, from the linear response at rest."""
     state = model.state(q, np.zeros(model.nv))
-    stiffness = np.array(model.tangent_stiffness(q))
-    eps = 1e-6
-    for j in range(model.nv):
-        step = np.eye(model.nv)[j] * eps
-        change = model.gravity(model.integrate(q, step)) - model.gravity(model.integrate(q, -step))
-        stiffness[:, j] += change / (2 * eps)
+    stiffness = tangent_stiffness(model, q, np.zeros(model.nu))
     # a small extra stiffness keeps the response finite if no force holds a joint
     soft = 1e-6 * float(np.abs(np.diag(stiffness)).max()) or 1.0
     response = np.linalg.lstsq(stiffness + soft * np.eye(model.nv), state.B, rcond=None)[0]

@@ -109,6 +109,14 @@ def test_a_misspelt_option_is_named_with_the_nearest(line, said, capsys):
     assert capsys.readouterr() == ("", expected)
 
 
+def test_a_word_too_many_is_named_with_the_option_before_it(capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["run", "finger", "best", "--targets", "0.1", "0", "-0.2"])
+    assert stop.value.code == 2
+    meant = "(after --targets; did you mean --target?)"
+    assert capsys.readouterr().err == f"error: unrecognized arguments: 0 -0.2 {meant}\n"
+
+
 def test_what_begins_with_a_dash_is_not_always_an_option(capsys):
     for line in ("statics finger --target -20 -1e-3 -inf", "check finger --sampl 0"):
         with suppress(SystemExit):
@@ -118,7 +126,7 @@ def test_what_begins_with_a_dash_is_not_always_an_option(capsys):
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("crosschek", "expected crosscheck?"), ("", "`softdyn` lists them"), ("os", "got os")],
+    [("crosschek", "did you mean 'crosscheck'?"), ("", "`softdyn` lists"), ("os", "got 'os'")],
 )
 def test_a_wrong_name_is_one_line(name, message, capsys):
     assert main([name]) == 2
@@ -176,6 +184,20 @@ def test_an_option_that_changes_nothing_says_so(tmp_path, words, option, reason)
         done = command(words[0], file, *words[1:], cwd=tmp_path)
     assert done.code in (0, 1), done.err
     assert len([one for one in told if "changes nothing" in str(one.message)]) == 1
+
+
+def test_keys_of_a_rig_that_change_nothing_say_so(tmp_path):
+    (tmp_path / "arm.urdf").write_text(preloaded.text())
+    (tmp_path / "rig.toml").write_text(
+        "stiffness = 500\nlag = 0.01\n[plant]\nfriction = true\ncontacts = true\n"
+    )
+    words = ("arm.urdf", "--rig", "rig.toml", "--seconds", "0.01")
+    with pytest.warns(UserWarning, match="changes nothing") as told:
+        done = command("rollout", *words, cwd=tmp_path)
+    assert done.code == 0, done.err
+    assert [str(one.message).partition(" changes")[0] for one in told] == [
+        f"rig.toml: {key}" for key in ("stiffness", "plant.contacts", "plant.friction")
+    ]
 
 
 def test_an_option_with_a_use_says_nothing(tmp_path, recwarn):

@@ -14,10 +14,11 @@ import softdyn
 from softdyn import InputError
 from softdyn.description.rig import Sensor
 from softdyn.description.rig import SensorKind as KIND
-from softdyn.estimation import Ekf, EkfParameters
+from softdyn.dynamics.balance import ForceBalance
+from softdyn.dynamics.implicit_step import ImplicitStep
+from softdyn.estimation import Disturbance, Ekf, EkfParameters
 from softdyn.estimation.consistency import chi_squared_bounds, nees
 from softdyn.estimation.covariance import symmetrised, update
-from softdyn.estimation.implicit_step import ImplicitStep
 from softdyn.sensing import Sensors
 from tests.support.micro import FLOATING, write
 from tests.support.sensed import sensors
@@ -230,6 +231,45 @@ def test_steady_force_is_found():
     assert abs(estimate.disturbances["tip_force"][0] - force[0]) < 0.006
     assert width[0] < 0.05
     assert width[1] > 0.3  # the finger is planar
+
+
+@pytest.mark.parametrize(
+    ("force", "given", "largest"),
+    [
+        (0.0, {}, 1e-4),
+        (0.02, {}, 5e-4),
+        (0.0, {"least_process": 0.4}, None),
+        (0.02, {"process": 0.03}, None),
+    ],
+)
+def test_the_process_noise_adapts(force, given, largest):
+    """A right model's estimate is calm, and a force that it lacks is followed, by one default.
+
+    A constant deviation serves one of both: 0.4 (0.17 mm, not 0.03) or 0.03 (3.6 mm, not 0.35).
+    """
+    model, u = softdyn.load("finger"), np.array([0.3, -0.2])
+    plant = ImplicitStep(model, ForceBalance(model, (Disturbance.TIP_FORCE,)))
+    q, v = model.q0, np.zeros(4)
+    ekf = Ekf(model, sensors(model), parameters=EkfParameters(**given))
+    truth = Sensors(model, sensors(model))
+    rng, held, errors, asked = np.random.default_rng(0), np.zeros(4, int), [], []
+    for k in range(400):  # the force begins after 1 s
+        found = plant(q, v, u, (k >= 200) * np.array([force, 0.0, -force]), PERIOD, held)
+        q, v, held = found.q, found.v, found.held
+        state = model.state(q, v)
+        z = truth.measure(state, u).values + np.repeat([5e-4, 1e-3], [2, 3]) * rng.normal(size=5)
+        estimate = ekf.step(k * PERIOD, z, u)
+        errors.append(np.linalg.norm(model.state(estimate.q, estimate.v).y - state.y))
+        asked.append(ekf.process)
+    error = np.sqrt(np.mean(np.square(errors[300:])))
+    if largest is None:
+        assert error > (1e-3 if force else 1.5e-4)
+        return
+    assert error < largest
+    assert asked[199] < 0.05
+    assert (asked[-1] > 0.1) == (force > 0)
+    assert ekf.parameters.least_process <= min(asked)
+    assert max(asked) <= ekf.parameters.process
 
 
 def test_hostile_data_is_counted():
@@ -484,7 +524,7 @@ def test_joseph_keeps_a_covariance():
     P = block_diag(A @ A.T, np.eye(2))
     exact, rows = P.copy(), rng.normal(size=(300, 10))
     change = np.zeros(10)
-    nis, used, _ = update(P, rows, np.full(300, np.nan), np.full(300, 1e-8), change, np.inf)
+    nis, used, *_ = update(P, rows, np.full(300, np.nan), np.full(300, 1e-8), change, np.inf)
     assert used == 0
     assert nis == 0
     assert np.array_equal(P, exact)

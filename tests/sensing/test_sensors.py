@@ -15,6 +15,7 @@ import softdyn
 from softdyn import InputError, SoftModel
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.dynamics.projection import underlying_tree
+from softdyn.sensing import Sensors
 from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
 from tests.support.cart import CART, load
@@ -58,6 +59,47 @@ def differences(f, size: int, h: float) -> np.ndarray:
         return np.stack([(f(h * e) - f(-h * e)) / (2 * h) for e in np.eye(size)], axis=-1)
 
     return (4 * central(h) - central(2 * h)) / 3
+
+
+def bent(model: SoftModel) -> tuple[Sensor, ...]:
+    """Lengths, points of a link and of the tip, and joints."""
+    robot = model.robot
+    chosen = [Sensor(one.name, KIND.LENGTH, tendon=one.name) for one in robot.tendons]
+    links = (robot.links[len(robot.links) // 2].name, robot.task)
+    chosen += [Sensor(link, KIND.POSITION, link=link, xyz=(0.01, 0.02, 0.03)) for link in links]
+    moving = [joint for joint in robot.moving_joints if joint.mimic is None]
+    chosen += [Sensor(one.name, KIND.JOINT, joint=one.name) for one in moving[:2]]
+    return tuple(chosen)
+
+
+def test_predictions_are_the_measurements(model):
+    """Without a State, to the bit of a sum's order."""
+    q, v, u = case(model)
+    for sensors in (Sensors(model), Sensors(model, bent(model))):
+        expected = sensors.measure(model.state(q, v), u)
+        values, jacobian = sensors.predict(q, v, u)
+        np.testing.assert_allclose(values, expected.values, rtol=1e-12, atol=1e-13)
+        assert relative(jacobian, expected.jacobian) < 1e-12
+
+
+def test_second_derivatives(model):
+    """Central differences of the Jacobian, and second differences along one direction."""
+    q, v, u = case(model)
+    n, sensors = model.nv, Sensors(model, bent(model))
+
+    def by_q(dq):
+        return sensors.predict(model.integrate(q, dq), v, u)[1][:, :n]
+
+    found = sensors.hessians(q, v, u)
+    expected = differences(by_q, n, 1e-4)
+    expected = 0.5 * (expected + expected.transpose(0, 2, 1))
+    assert relative(found, expected) < BAR
+    x = 1e-3 * np.random.default_rng(4).normal(size=n)
+    pose = Sensors(model, (Sensor("pose", KIND.POSE, link=model.robot.task),))
+    for one in (sensors, pose):
+        here, errors = one.predict(q, v, u)[0], one.components.errors
+        ends = [errors(here, one.predict(model.integrate(q, s * x), v, u)[0]) for s in (1, -1)]
+        assert relative(one.hessians(q, v, u) @ x @ x, np.sum(ends, axis=0), x @ x) < 1e-4
 
 
 def test_jacobians(model):

@@ -7,7 +7,8 @@ import pytest
 
 from softdyn import statics
 from softdyn.statics import StaticsError
-from softdyn.statics.unknown_inputs import TargetProblem, balance_at
+from softdyn.statics.unknown_inputs import TargetProblem, balance_at, explore_from
+from softdyn.tasks import PoseTask, StackedReference, Target
 from tests.support import cart
 from tests.support.control_cases import robot
 
@@ -37,3 +38,17 @@ def test_a_robot_that_no_force_holds_can_be_searched(tmp_path) -> None:
     model, target = cart.load(tmp_path, text), np.array([cart.LENGTH + 0.5, 0.0, 0.0])
     search = statics.inputs_for_tip(model, target, shapes=4)
     assert search.nearest.residual < 1e-6
+
+
+def test_any_errors_can_be_the_goal() -> None:
+    """A pose of the tip has six errors; two inputs hold those of a known equilibrium."""
+    model = robot("finger")
+    known = statics.settle(model, [-0.2, -0.1])
+    tip = model.robot.task
+    goal = StackedReference({"pose": Target(model.link_poses(known.q)[tip])})
+    measure = statics.TaskSearch((PoseTask(tip, name="pose"),), goal, ()).measure
+    problem = TargetProblem.build(statics.rest(model), measure)
+    start = model.configuration(known.q + 0.2), np.zeros(model.nu)
+    for found in (balance_at(problem, *start), explore_from(problem, *start)):
+        np.testing.assert_allclose(found.q, known.q, atol=1e-6)
+        np.testing.assert_allclose(found.u, known.u, atol=1e-6)

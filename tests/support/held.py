@@ -183,6 +183,6 @@ def objects(uses: Uses) -> list[tuple[Any, Callable[[Any], list[Any]]]]:
         (softdyn.Ellipse(0.1, 0.1, 0.1, omega=0.1), uses.along),
         (kinematics, lambda one: [one(state, tip)]),
         (sensors, lambda one: [one.measure(observed.state(state.q, state.v), PUSH)]),
-        (Winches(model), lambda one: [one.derivatives(state, PUSH)]),
+        (Winches(model), lambda one: [one.tensions(state, PUSH)]),
         (Capstan(robot("spirob"), 0.1), lambda one: [one.at(uses.moving).forces(np.ones(3))]),
     ]  # fmt: skip

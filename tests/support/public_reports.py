@@ -16,12 +16,15 @@ from typing import Any
 import numpy as np
 
 import softdyn
-from softdyn import SoftModel, design, parse, statics
+from softdyn import InputError, SetPoint, SoftModel, design, parse, statics
+from softdyn.controllers.registry import make_controller
 from softdyn.description.visuals import visuals
 from softdyn.exceptions import UrdfError
+from softdyn.validation import rollout, simulate
 from softdyn.validation.mjcf import export
 from softdyn.validation.mjcf.comparison.finding import force
 from softdyn.validation.mjcf.comparison.side import Side, neutral
+from tests.support import preloaded
 
 Measure = Callable[[Path], Any]
 
@@ -209,6 +212,48 @@ def turned_frame(folder: Path) -> float:
     export.write_urdf(folder / "upright.xml", folder / "frame.urdf")
     ours, theirs = (neutral(folder / f).frames["tip"] for f in ("frame.urdf", "upright.xml"))
     return float(np.abs(ours.pose.rotation - theirs.pose.rotation).max())
+
+
+def speed_from_the_stop(folder: Path) -> float:
+    """The speed (m/s) 2 ms after the default start."""
+    model = softdyn.load(folder / "slide.urdf")
+    log = rollout(model, [0.0], 0.002, timestep=1e-4, integrator="rk4")
+    return float(log.v[-1, 0])
+
+
+def refused_start(folder: Path) -> str:
+    """The end of the line with which a start beyond the limit is refused."""
+    try:
+        rollout(softdyn.load(folder / "slide.urdf"), [0.0], 0.002, q0=np.zeros(1))
+    except InputError as error:
+        return f"{error.expected}, got {error.got}"
+    return ""
+
+
+def holding_inputs(folder: Path) -> list[float]:
+    """The inputs (N) of the equilibrium nearest to the target."""
+    found = statics.inputs_for_tip(softdyn.load(folder / "arm.urdf"), preloaded.TARGET, shapes=4)
+    return [float(value) for value in found.nearest.u]
+
+
+def steps_not_solved(folder: Path) -> int:
+    """The steps of 300 that the controller does not solve."""
+    model = softdyn.load(folder / "nearly.urdf")
+    law = make_controller("soft-id-clf-qp", model, {"Kp": 100.0, "eps": 0.1})
+    return simulate(model, law, SetPoint(preloaded.TARGET), duration=0.6).not_solved
+
+
+def pulled_tip(folder: Path) -> float:
+    """Where the cart rests (m) after its rubbing cable was pulled."""
+    return float(rollout(softdyn.load(folder / "rope.urdf"), [10.0], 2.0, friction=True).y[-1, 0])
+
+
+def hung_and_slack(folder: Path) -> list[float]:
+    """Length (m) and tension (N) of the cable that carries the load, and its tension once slack."""
+    model = softdyn.load(folder / "hoist.urdf")
+    log = rollout(model, [[0.5], [1.0]], 4.0, rig="file", commands=["winch"])
+    hung = log.steps // 2 - 1
+    return [float(x) for x in (-log.y[hung, 2], log.acting[hung, 0], log.acting[-1, 0])]
 
 
 # -- reports ---------------------------------------------------------------------------------------
@@ -556,6 +601,31 @@ WEDGE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\
 PACKAGED = (
     '<visual><geometry><mesh filename="package://my_arm/meshes/wedge.obj"/></geometry></visual>'
 )
+SLIDE = robot(
+    link("a", 0.03, place='xyz="0 0 0"'),
+    joint("reach", "base", "a", "prismatic", "0 0 -1", limits=(0.02, 0.08),
+          more='<dynamics damping="0.5" stiffness="60"/>'),
+    '<gazebo reference="reach"><springReference>0.05</springReference></gazebo>',
+    block(over("t", "reach"), '<actuator name="u" tendon="t" lower="-1" upper="1"/>'),
+)  # fmt: skip
+DECAY = 0.5 / (2 * 0.03)  # 1/s
+SWING = math.sqrt(60 / 0.03 - DECAY**2)  # rad/s
+PULLED = robot(
+    link("cart", 0.1, place='xyz="0 0 0"'),
+    joint("slide", "base", "cart", "prismatic", "1 0 0", 'xyz="0.3 0 0"', (-0.15, 0.15),
+          '<dynamics damping="8" stiffness="200"/>'),
+    block('<tendon name="rope" friction="0.2" driven="first"><site link="base" xyz="0 0 0.2"/>'
+          '<site link="base" xyz="0 0 0"/><site link="cart" xyz="0 0 0"/></tendon><actuator '
+          'name="pull" tendon="rope" gear="-1" lower="0" upper="20"/>'),
+)  # fmt: skip
+HOIST = robot(
+    link("load", 0.2, place='xyz="0 0 0"'),
+    joint("drop", "base", "load", "prismatic", "0 0 -1", 'xyz="0 0 -0.3"', (-0.2, 0.4),
+          '<dynamics damping="3"/>'),
+    block('<tendon name="rope"><site link="base" xyz="0 0 0"/><site link="load" xyz="0 0 0"/>'
+          '</tendon><actuator name="winch" tendon="rope" gear="-1" lower="0" upper="30" '
+          'command="length" stiffness="500" damping="5"/>'),
+)  # fmt: skip
 FAST = HINGE.replace("<limit ", '<limit acceleration="30" jerk="900" ')
 MENDED = (
     Report(
@@ -724,6 +794,79 @@ MENDED = (
                 0.2 / (50 * math.pi),
             ),
         ),
+    ),
+    Report(
+        "outside_limits",
+        ("google-deepmind/mujoco_menagerie#290",),
+        "A robot's default pose lies outside its joints' limits, in silence.",
+        {"slide.urdf": SLIDE},
+        "rollout slide.urdf --seconds 0.002",
+        0,
+        ("start: at the limits nearest to 0, which is beyond them: reach at 0.02",),
+        "the default start moves to the limits, and the log says so; a stated start beyond them is "
+        "refused",
+        (
+            (
+                "speed 2 ms after the start (m/s)",
+                speed_from_the_stop,
+                (60 * 0.03 / 0.03 + 9.81)
+                / SWING
+                * math.exp(-DECAY * 0.002)
+                * math.sin(SWING * 0.002),
+            ),
+            (
+                "with --q0 0",
+                refused_start,
+                "joint 'reach' within its limits, 0.02 to 0.08, got 0",
+            ),
+        ),
+        1e-6,
+    ),
+    Report(
+        "locked_input",
+        ("Simple-Robotics/proxsuite#445",),
+        "A solver calls a problem infeasible although its residual is small.",
+        {"arm.urdf": preloaded.text(), "nearly.urdf": preloaded.text(5.0, 5.0 + 1e-9)},
+        "statics arm.urdf --target 0.02 0 -0.199 --hold 0.2 --rays 4",
+        0,
+        ("u = 9.405 5.000", "0.002 cm away"),
+        "bounds may be equal or almost so: the input is a constant preload, no unknown of searches",
+        (
+            ("inputs (N)", holding_inputs, [9.40461070722609, 5.0]),
+            ("steps of 300 not solved, with bounds 1e-9 apart", steps_not_solved, 0),
+        ),
+        1e-6,
+    ),
+    Report(
+        "cable_friction",
+        ("google-deepmind/mujoco#3005",),
+        "A cable's friction round a guide, with the tension's exponential of the angle, is wanted.",
+        {"rope.urdf": PULLED},
+        "rollout rope.urdf --u 10 --seconds 2 --friction",
+        0,
+        ("tip at the end 0.263",),
+        "cables rub on their guides, with `--friction` and with `--rig`; an option that a robot "
+        "has no use for says so",
+        (("rest of the cart (m)", pulled_tip, 0.3 - 10 / 200 * math.exp(-0.2 * math.pi / 2)),),
+        1e-3,
+    ),
+    Report(
+        "free_lengths",
+        ("google-deepmind/mujoco#1704",),
+        "How does a cable that only pulls change its length, as a crane's does?",
+        {"hoist.urdf": HOIST, "lengths.csv": "t,command.winch\n0,0.5\n2,1\n4,1\n"},
+        "rollout hoist.urdf --rig --inputs lengths.csv",
+        0,
+        ("tip at the end 0 0 -0.7 m",),
+        "a winch holds a free length; `command.NAME` gives it in open loop",
+        (
+            (
+                "length (m), tension (N), tension once slack (N)",
+                hung_and_slack,
+                [0.5 + 0.2 * 9.81 / 500, 0.2 * 9.81, 0.0],
+            ),
+        ),
+        1e-6,
     ),
 )
 

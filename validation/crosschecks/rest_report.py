@@ -204,8 +204,8 @@ def rests_at(
     for name, target in _shown(targets.items(), len(targets), "targets"):
         nearest = sorted(samples, key=lambda one: _distance(one, target))
         search = inputs_for_tip(
-            model, target, nearest[:STARTS], guesses=guesses, shapes=shapes, seed=seed,
-            seconds=math.inf,
+            model, target, nearest[:STARTS], guesses=guesses, shapes=shapes, rays=0,
+            seed=seed, seconds=math.inf,
         )  # fmt: skip
         best = (search.nearest, search.nearest_stable, search.most_stable)
         closest, stable, firmest = map(judged, best)

@@ -234,9 +234,10 @@ class RigMotion:
         arrived = self._allowed
         delayed = self._lagging | self._speeds
         state = model.state(self.q, self.v)
-        acting = winches.derivatives(state, np.where(delayed, self._held, arrived))
-        D = state.D - state.B @ acting.v
-        a = np.linalg.solve(state.M + h * D, state.B @ acting.value - state.h)
+        rates = state.moment_arms @ state.v
+        acting = winches.inputs(state.lengths, rates, np.where(delayed, self._held, arrived))
+        D = state.D - state.B @ (acting.by_rate[:, None] * state.moment_arms[winches.tendon])
+        a = np.linalg.solve(state.M + h * D, state.B @ acting.u - state.h)
         if model.robot.floating:
             free = FreeBase(model)
             w = free.from_velocity(self.q, self.v) + h * free.acceleration(self.q, self.v, a)

@@ -15,7 +15,7 @@ import numpy as np
 
 from softdyn import InputError, SoftModel
 from softdyn.checks import number
-from softdyn.dynamics.derivatives import residual_derivatives
+from softdyn.dynamics.balance import ForceBalance
 from softdyn.identification import (
     MAX_ROWS,
     Acquisition,
@@ -216,9 +216,9 @@ def _fastest(model: SoftModel) -> float:
     """Largest eigenvalue (1/s) of the motion around q = 0."""
     n = model.nv
     at = model.configuration(np.zeros(n)), np.zeros(n), np.zeros(n), np.zeros(model.nu)
-    by_q, by_v = residual_derivatives(model, *at)
-    M = model.state(*at[:2]).M
-    first = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, np.c_[by_q, by_v])]])
+    terms = ForceBalance(model, motors=())(*at)
+    by_state = np.linalg.solve(terms.by_a, np.c_[terms.by_q, terms.by_v])
+    first = np.block([[np.zeros((n, n)), np.eye(n)], [-by_state]])
     return float(np.abs(np.linalg.eigvals(first)).max())
 
 

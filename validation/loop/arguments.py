@@ -13,6 +13,7 @@ import numpy as np
 
 from softdyn import InputError, Reference, SoftModel
 from softdyn.checks import array, in_degrees
+from softdyn.controllers.staged import best
 from softdyn.statics.suspicious_values import fast_springs
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.twin.state_map import MappedPlant
@@ -90,9 +91,9 @@ def _desired(reference: Any, t: float) -> Reference:
 def check_controller(controller: Any) -> None:
     """Refuse a controller that cannot be called with a state and a reference."""
     expected = "a callable (state, reference) -> command"
-    if isinstance(controller, type):
-        name = controller.__name__
-        raise InputError("controller", f"{expected}, as {name}(model)", f"the class {name} itself")
+    if isinstance(controller, type) or controller is best:
+        name, kind = controller.__name__, "class" if isinstance(controller, type) else "function"
+        raise InputError("controller", f"{expected}, as {name}(model)", f"the {kind} {name} itself")
     if not callable(controller):
         raise InputError("controller", expected, repr(controller))
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, UrdfError
-from softdyn.checks import instance, number
+from softdyn.checks import did_you_mean, instance, number
 from softdyn.controllers import Gains
 from softdyn.description.rig import LONGEST_DELAY, CommandKind
 
@@ -261,7 +261,8 @@ class ValueReader:
         """Refuse a table with keys other than `names`."""
         for name in table:
             where = f"{key}.{name}" if key else name
-            self.check(name in names, where, f"one of {', '.join(names)}", "an unknown key")
+            got = did_you_mean(str(name), names)
+            self.check(name in names, where, f"one of {', '.join(names)}", got)
 
     def whole(self, key: str, value: Any, lower: int, upper: int) -> int:
         """A whole number between both."""

@@ -19,12 +19,12 @@ writes the table.
 exit codes: 0 done; 2 bad input.
 """
 ROBOTS, POINTS = ("finger", "spirob"), (0.5, 1.0)
-CONSTANT = {"process": 0.2, "memory": 1e9, "longest": 5e-4}
-KINDS = {  # of EkfParameters
-    "constant": CONSTANT,
-    "sine": CONSTANT | {"process": 0.05, "memory": 1.0},
-    "payload": CONSTANT | {"memory": 300.0},
+KINDS = {  # memory (s): a force that stays, one that changes, a payload
+    "constant": 1e9,
+    "sine": 1.0,
+    "payload": 300.0,
 }
+LONGEST = 5e-4  # s, of the prediction: it errs less than the readings tell
 LEAST, LARGEST, FREQUENCY, MASS = 0.1, 1.0, 0.5, 0.02  # N, N, Hz, kg
 NEAR, LIGHT = 0.1, 0.002  # of a force; kg
 LEVEL, SECONDS = 0.95, 4.0
@@ -101,7 +101,8 @@ def run(robot: str, theta: float, kind: str, seed: int) -> tuple[float, float, f
     turn, phase = (2 * np.pi * FREQUENCY, rng.uniform(0, 2 * np.pi)) if kind == "sine" else (0, 0)
     loaded, name = (True, "payload") if kind == "payload" else (False, "tip_force")
 
-    observer = Ekf(model, sensors, (name,), parameters=EkfParameters(**KINDS[kind]))
+    given = EkfParameters(memory=KINDS[kind], longest=LONGEST)
+    observer = Ekf(model, sensors, (name,), parameters=given)
     rig = Rig(sensors=sensors, seed=seed, plant=PlantErrors(payload=MASS * loaded))
     loop = ClosedLoop(
         model, best(model), paper.set_point(robot, theta=theta), duration=SECONDS, rig=rig,

@@ -9,9 +9,10 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SetPoint
+from softdyn.commands.run import unmodelled
 from softdyn.controllers import best
 from softdyn.description.urdf_writer import write
-from softdyn.estimation import Ekf
+from softdyn.estimation import Ekf, EkfParameters
 from softdyn.identification.data import read_csv
 from softdyn.validation import Log, Rig, paper, simulate
 from tests.support.command import command as run
@@ -124,11 +125,25 @@ def test_the_command(tmp_path):
         assert done.code == code, done.err
         if word == "tip_force":
             assert "estimated      tip_force.x" in done.out
+            assert "observer       process noise" in done.out
             with open(table, encoding="utf-8") as rows:
                 assert "estimated.tip_force.x (N)" in rows.readline()
             assert read_csv(table, softdyn.load(file)).t[-1] == pytest.approx(0.1)
     assert "tip_force or payload" in done.err
     assert run(*begin, "--observer").code == 2
+
+
+def test_the_command_tells_when_the_model_lacks_forces():
+    """A filter that ends noisy and estimates no force; not a calm one, nor one that does."""
+    model = sensed("finger")
+    said, value = unmodelled(Ekf(model))
+    assert "process noise 0.4" in said
+    assert "--observer tip_force" in said
+    assert value == 0.4
+    assert "lacks" not in unmodelled(Ekf(model, disturbances=("payload",)))[0]
+    calm = Ekf(model, parameters=EkfParameters(process=0.03))
+    assert "lacks" not in unmodelled(calm)[0]
+    assert unmodelled(SimpleNamespace(process=1.0)) == ("", None)
 
 
 def test_estimated_disturbances_are_in_the_log(tmp_path):

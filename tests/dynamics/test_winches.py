@@ -15,7 +15,7 @@ from softdyn.dynamics.integrators import step_implicit
 from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
 from tests.support.cart import CART, load
-from tests.support.oracles import gradient, relative
+from tests.support.oracles import relative
 from tests.support.rigged import wound
 
 BAR = 1e-7
@@ -65,34 +65,18 @@ def test_the_inverse(model):
 def test_derivatives(model):
     winches = Winches(model)
     for q, v, u, c in cases(model, 2):
+        state = model.state(q, v)
+        at, rates = state.lengths, state.moment_arms @ v
+        found = winches.inputs(at, rates, c)
+        np.testing.assert_allclose(found.u, u, atol=1e-11)
+        chosen = np.eye(len(at))[winches.tendon]
+        for k, by in enumerate((found.by_length, found.by_rate, found.by_command)):
 
-        def f(q, v, c):
-            return winches.tensions(model.state(q, v), c)
+            def f(x, k=k, given=(at, rates, c)):
+                return winches.inputs(*given[:k], x, *given[k + 1 :]).u
 
-        found = winches.derivatives(model.state(q, v), c)
-        np.testing.assert_allclose(found.value, u, atol=1e-11)
-        scale = np.abs(found.u).max()
-        by_q = gradient(model, lambda x, v=v, c=c: f(x, v, c), q, 1e-4)
-        assert relative(by_q, found.q, scale) <= BAR
-        by_v = by_numbers(lambda x, q=q, c=c: f(q, x, c), v, 1e-4)
-        assert relative(by_v, found.v, scale) <= BAR
-        assert relative(by_numbers(lambda x, q=q, v=v: f(q, v, x), c, 1e-4), found.u) <= BAR
-
-
-def test_accelerations(model):
-    winches = Winches(model)
-    for q, v, u, c in cases(model, 1):
-
-        def f(q, v, c):
-            return model.forward_dynamics(q, v, winches.tensions(model.state(q, v), c))
-
-        found = winches.acceleration_derivatives(q, v, c)
-        assert relative(found.value, model.forward_dynamics(q, v, u)) < 1e-10
-        by_q = gradient(model, lambda x, v=v, c=c: f(x, v, c), q, 1e-4)
-        assert relative(by_q, found.q) <= BAR
-        by_v = by_numbers(lambda x, q=q, c=c: f(q, x, c), v, 1e-4)
-        assert relative(by_v, found.v) <= BAR
-        assert relative(by_numbers(lambda x, q=q, v=v: f(q, v, x), c, 1e-4), found.u) <= BAR
+            columns = by[:, None] * (np.eye(model.nu) if k == 2 else chosen)
+            assert relative(by_numbers(f, (at, rates, c)[k], 1e-5), columns) <= BAR
 
 
 SPRING = 8.0
@@ -110,13 +94,9 @@ def cart(tmp_path, **winch: float) -> SoftModel:
 def test_static_tension_is_that_of_two_springs_in_series(tmp_path):
     """-s x = k (x - c): the tension is s k |c| / (s + k) at the free length c."""
     model, c = cart(tmp_path, damping=3.0), -0.3
-    winches = Winches(model)
-    found = winches.acceleration_derivatives(model.q0, [0.0], [c])
-    x = -np.linalg.solve(found.q, found.value)  # the equations are linear
-    tension = SPRING * 40.0 * 0.3 / (SPRING + 40.0)
-    assert x == pytest.approx([-tension / SPRING], rel=1e-12)
-    state = model.state(x, [0.0])
-    u = winches.tensions(state, [c])
+    winches, tension = Winches(model), SPRING * 40.0 * 0.3 / (SPRING + 40.0)
+    x = np.array([-tension / SPRING])
+    u = winches.tensions(model.state(x, [0.0]), [c])
     assert 0.5 * u == pytest.approx([tension], rel=1e-12)
     assert model.forward_dynamics(x, [0.0], u) == pytest.approx([0.0], abs=1e-12)
     q, v = model.q0, np.zeros(1)
@@ -131,11 +111,9 @@ def test_bounds(tmp_path):
     winches = Winches(model)
     state = model.state([0.2], [0.1])
     for command, u in ((0.3, 0.0), (-2.0, 30.0)):  # tensions -3.7 and 88.3 N
-        found = winches.derivatives(state, [command])
-        assert found.value == winches.tensions(state, [command]) == u
-        assert not found.q.any()
-        assert not found.v.any()
-        assert not found.u.any()
+        found = winches.inputs(state.lengths, state.moment_arms @ state.v, [command])
+        assert found.u == winches.tensions(state, [command]) == u
+        assert not np.any([found.by_length, found.by_rate, found.by_command])
     just_slack = winches.commands(state, [0.0])
     assert just_slack == pytest.approx([0.2 + 3.0 * 0.1 / 40])
     assert winches.tensions(state, just_slack) == pytest.approx([0.0], abs=1e-14)
@@ -152,9 +130,9 @@ def test_a_robot_without_winches_has_its_commands_as_inputs():
     u = np.linspace(0, 1, model.nu)
     for found in (winches.tensions(state, u), winches.commands(state, u)):
         np.testing.assert_array_equal(found, u)
-    found = winches.derivatives(state, u)
-    np.testing.assert_array_equal(found.u, np.eye(model.nu))
-    assert not found.q.any()
+    found = winches.inputs(state.lengths, 0 * state.lengths, u)
+    np.testing.assert_array_equal(found.by_command, np.ones(model.nu))
+    assert not found.by_length.any()
     np.testing.assert_array_equal(winches.lower, model.u_min)
 
 
@@ -164,7 +142,7 @@ def test_wrong_arguments():
     with pytest.raises(InputError, match=r"^commands: expected"):
         winches.tensions(state, [1.0])
     with pytest.raises(InputError, match=r"^commands: expected"):
-        winches.derivatives(state, [1.0, np.nan])
+        winches.tensions(state, [1.0, np.nan])
     with pytest.raises(InputError, match=r"^state: expected"):
         winches.commands(model.q0, [0.0, 0.0])
     with pytest.raises(InputError, match=r"^model: expected"):
@@ -178,7 +156,7 @@ def test_a_state_of_another_robot_is_refused():
     tendons = tuple(replace(tendon, stiffness=5.0) for tendon in model.robot.tendons)
     for other in (spirob, softdyn.build(replace(model.robot, tendons=tendons))):
         state = other.state(other.q0, np.zeros(other.nv))
-        for use in (winches.tensions, winches.commands, winches.derivatives):
+        for use in (winches.tensions, winches.commands):
             with pytest.raises(InputError, match=r"^state: expected a state of .*finger"):
                 use(state, np.zeros(2))
     again = softdyn.load("finger")

@@ -10,7 +10,7 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SetPoint, statics
-from softdyn.statics import task_search, tip_search
+from softdyn.statics import target_search
 from softdyn.tasks import AxisTask, OrientationTask, PointTask, PoseTask, StackedReference, Target
 from tests.support.command import command
 
@@ -109,8 +109,8 @@ def test_a_pose_far_from_the_branch_of_rest_is_held() -> None:
 def test_the_limit_of_time_holds_for_the_samples_too(monkeypatch) -> None:
     model = softdyn.load("finger")  # its own samples
     clock = [0.0]
-    monkeypatch.setattr(task_search, "perf_counter", lambda: clock[0])
-    sample = task_search.sample_rests
+    monkeypatch.setattr(target_search, "perf_counter", lambda: clock[0])
+    sample = target_search.sample_rests
     taken = []
 
     def slow(*given):
@@ -119,7 +119,7 @@ def test_the_limit_of_time_holds_for_the_samples_too(monkeypatch) -> None:
             taken.append(one)
             yield one
 
-    monkeypatch.setattr(task_search, "sample_rests", slow)
+    monkeypatch.setattr(target_search, "sample_rests", slow)
     tasks, goal = [PointTask(TIP)], SetPoint([0, 0, 1.0])  # out of reach
     found = statics.inputs_for_tasks(model, tasks, goal, seconds=4.5)
     assert len(taken) == 5
@@ -131,14 +131,14 @@ def test_the_limit_of_time_holds_for_the_samples_too(monkeypatch) -> None:
 
 def test_the_search_for_the_tip_has_a_limit_too(monkeypatch) -> None:
     clock = [0.0]
-    monkeypatch.setattr(tip_search, "perf_counter", lambda: clock[0])
-    explored = tip_search.explore
+    monkeypatch.setattr(target_search, "perf_counter", lambda: clock[0])
+    explored = target_search.explore_from
 
     def slow(*given):
         clock[0] += 1.0
         return explored(*given)
 
-    monkeypatch.setattr(tip_search, "explore", slow)
+    monkeypatch.setattr(target_search, "explore_from", slow)
     search = statics.inputs_for_tip(FINGER, [0.0, 0.0, 1.0], shapes=6, seconds=1.5)
     assert search.timed_out
     assert clock[0] == 2.0

@@ -1,33 +1,46 @@
 """Winches: the input that a commanded free length of cable gives, its derivatives, its inverse.
 
-A winch holds the free length c of a cable with stiffness k and damping d. The tendon has the length
-ℓ and the moment arms a = ∂ℓ/∂q, so ℓ̇ = a q̇. The tension and the input are
+A winch holds the free length c of a cable with stiffness k and damping d. At the length ℓ of its
+tendon and the rate ℓ̇, the tension and the input are
 
     T = max(0, k (ℓ - c) + d ℓ̇),    u = -T / gear, clipped to [lower, upper].
 
 A tendon that may be slack has the same tension with its rest length in place of c. Where neither
 bound acts,
 
-    ∂u/∂q = -(k a + d ȧ) / gear,    ∂u/∂q̇ = -d a / gear,    ∂u/∂c = k / gear,
+    ∂u/∂ℓ = -k / gear,    ∂u/∂ℓ̇ = -d / gear,    ∂u/∂c = k / gear.
 
-with ȧ = (∂a/∂q) q̇. The derivatives are zero where the cable is slack or u is at a bound.
+The derivatives are zero where the cable is slack or u is at a bound.
+`softdyn.dynamics.balance.ForceBalance` has the joint forces under commands, and their Jacobians.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from softdyn.checks import read_only, vector
 from softdyn.description.rig import Actuator
-from softdyn.dynamics.derivatives import (
-    Derivatives,
-    acceleration_derivatives,
-    tendon_curvature,
-)
 from softdyn.dynamics.model import SoftModel, State, check_model, check_state
 from softdyn.dynamics.projection import underlying_tree
+
+
+class MotorInputs(NamedTuple):
+    """The inputs under commands, with their derivatives.
+
+    Attributes
+    ----------
+    u : ndarray, (m,)
+        The inputs.
+    by_length, by_rate, by_command : ndarray, (m,)
+        Derivatives of each input by the length and the rate of its tendon, and by its command.
+    """
+
+    u: np.ndarray
+    by_length: np.ndarray
+    by_rate: np.ndarray
+    by_command: np.ndarray
 
 
 class Winches:
@@ -51,6 +64,8 @@ class Winches:
         The robot's model.
     winds : ndarray of bool, (m,)
         Whether each input is a winch.
+    tendon : ndarray of int, (m,)
+        The tendon of each input.
     stiffness, damping : ndarray, (m,)
         The winch cable's k (N/m) and d (N s/m); zero for other motors.
     lower, upper : ndarray, (m,)
@@ -72,7 +87,7 @@ class Winches:
                 ([actuator.length_upper for actuator in actuators], model.u_max),
             )
         )
-        self._actuators, self._tendon = tuple(actuators), tree.actuated
+        self._actuators, self.tendon = tuple(actuators), tree.actuated
         # results for other motors are discarded; 1 avoids a division by zero
         self._gear = np.where(self.winds, tree.gear, 1.0)
         self._divisor = np.where(self.winds, self.stiffness, 1.0)
@@ -93,11 +108,12 @@ class Winches:
         Raises
         ------
         InputError
-            For a State of another robot, a wrong shape or a number that is not finite, as in the
-            other methods.
+            For a State of another robot, a wrong shape or a number that is not finite, as in
+            `commands`.
         """
-        commands = self._checked(state, commands)
-        return np.where(self.winds, self._wound(state, commands)[0], commands)
+        check_state(self.model, state)
+        commands = vector("commands", commands, self.model.nu)
+        return self.inputs(state.lengths, state.moment_arms @ state.v, commands).u
 
     def commands(self, state: State, u: np.ndarray) -> np.ndarray:
         """The commands (m,) that give the inputs u: the inverse of `tensions` within the bounds.
@@ -112,71 +128,23 @@ class Winches:
         u : array_like, (m,)
             Inputs.
         """
-        u = self._checked(state, u)
-        lengths, rates, _ = self._cables(state)
+        check_state(self.model, state)
+        u = vector("u", u, self.model.nu)
+        lengths, rates = state.lengths[self.tendon], (state.moment_arms @ state.v)[self.tendon]
         free = lengths + (self._gear * u + self.damping * rates) / self._divisor
         return np.where(self.winds, np.clip(free, self.lower, self.upper), u)
 
-    def derivatives(self, state: State, commands: np.ndarray) -> Derivatives:
-        """`tensions` and its Jacobians by q and q̇ (m, n), and by the commands (m, m).
-
-        Parameters
-        ----------
-        state : State
-            The robot's state.
-        commands : array_like, (m,)
-            Free lengths of the winches (m), and u of the other motors.
-        """
-        commands = self._checked(state, commands)
-        wound, inside = self._wound(state, commands)
-        arms = self._cables(state)[2]
-        by_length = np.where(inside, -self.stiffness / self._gear, 0.0)
-        by_rate = np.where(inside, -self.damping / self._gear, 0.0)
-        by_q = by_length[:, None] * arms
-        if by_rate.any():
-            none = np.zeros(len(state.lengths))
-            _, arm_rates = tendon_curvature(self.model, state.q, none, state.v)
-            by_q += by_rate[:, None] * arm_rates[self._tendon]
-        by_command = np.diag(np.where(self.winds, -by_length, 1.0))
-        u = np.where(self.winds, wound, commands)
-        return Derivatives(u, by_q, by_rate[:, None] * arms, by_command)
-
-    def acceleration_derivatives(
-        self, q: np.ndarray, v: np.ndarray, commands: np.ndarray
-    ) -> Derivatives:
-        """q̈ under constant commands and its Jacobians by q, q̇ (n, n) and the commands (n, m).
-
-        Parameters
-        ----------
-        q : array_like, (nq,)
-            Configuration.
-        v : array_like, (n,)
-            Velocity.
-        commands : array_like, (m,)
-            Free lengths of the winches (m), and u of the other motors.
-        """
-        inputs = self.derivatives(self.model.state(q, v), commands)
-        found = acceleration_derivatives(self.model, q, v, inputs.value)
-        return Derivatives(
-            found.value,
-            found.q + found.u @ inputs.q,
-            found.v + found.u @ inputs.v,
-            found.u @ inputs.u,
-        )
-
-    def _checked(self, state: State, commands: np.ndarray) -> np.ndarray:
-        check_state(self.model, state)
-        return vector("commands", commands, self.model.nu)
-
-    def _cables(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Length and rate (m,) and moment arms (m, n) of the tendon of each input."""
-        arms = state.moment_arms[self._tendon]
-        return state.lengths[self._tendon], arms @ state.v, arms
-
-    def _wound(self, state: State, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """u (m,) of each input as a winch, and whether it is one without an active bound."""
-        lengths, rates, _ = self._cables(state)
+    def inputs(self, lengths: np.ndarray, rates: np.ndarray, commands: np.ndarray) -> MotorInputs:
+        """The inputs at these lengths and rates (tendons,) under commands (m,), and derivatives."""
+        lengths, rates = lengths[self.tendon], rates[self.tendon]
         tension = self.stiffness * (lengths - commands) + self.damping * rates
-        u = -np.maximum(tension, 0.0) / self._gear
-        low, high = self.model.u_min, self.model.u_max
-        return np.clip(u, low, high), self.winds & (tension > 0) & (u > low) & (u < high)
+        free = -np.maximum(tension, 0.0) / self._gear
+        u = np.clip(free, self.model.u_min, self.model.u_max)
+        inside = self.winds & (tension > 0) & (u == free)
+        by_length = np.where(inside, -self.stiffness / self._gear, 0.0)
+        return MotorInputs(
+            np.where(self.winds, u, commands),
+            by_length,
+            np.where(inside, -self.damping / self._gear, 0.0),
+            np.where(self.winds, -by_length, 1.0),
+        )
