@@ -1,8 +1,8 @@
 """Tasks of a link's frame: a point, an orientation, a pose, a direction.
 
 All errors, targets and rates are in the world's axes; see `rotations` for those of angles. One
-kernel computes the errors of several tasks. At these sizes Python and the calls of kernels cost
-more than the arithmetic.
+kernel computes the errors of several tasks: a kernel for each, joined by NumPy, made a control step
+1.5 to 2 times as long.
 """
 
 from __future__ import annotations
