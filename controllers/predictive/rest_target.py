@@ -184,7 +184,7 @@ def targets_of(
 def _for_tasks(
     model: SoftModel, tasks: tuple[Task, ...], reference: Any, seconds: float
 ) -> tuple[RestTarget, ...]:
-    search = statics.inputs_for_tasks(model, tasks, reference, seconds=seconds)
+    search = statics.inputs_for_tasks(model, tasks, reference, shapes=0, seconds=seconds)
     errors = [math.hypot(*search.errors(one).values()) for one in search.found]
     within = max(WITHIN, errors[0])
     near = [pair for pair in zip(search.found, errors, strict=True) if pair[1] <= within]

@@ -219,7 +219,7 @@ def inputs_for_tasks(
     starts : iterable of Equilibrium
         Further equilibria to start from.
     shapes : int
-        Number of random shapes to start from.
+        Number of random shapes to start from; 0 for branches of equilibria alone.
     rays : int
         Number of random inputs for the samples, see `sample_rests`.
     seed : int
@@ -251,7 +251,8 @@ def inputs_for_tasks(
     search = _Search(problem, (start, *given), *numbers, latest)
     search.run(search.unless_held(
         search.branches, search.sampled_branches, search.kicks,
-        partial(search.free_branches, FREE), search.explored, search.beside_saddles,
+        partial(search.free_branches, FREE),
+        *((search.explored, search.beside_saddles) if shapes else ()),
     ))  # fmt: skip
     found = sorted(search.ends, key=lambda one: max(search.distance(one), REACHED))
     return TaskSearch(chosen, reference, distinct(found), search.timed_out)

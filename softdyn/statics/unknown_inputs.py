@@ -1,16 +1,15 @@
 """Balance with unknown inputs: r(q, u) = 0 together with an error e(q) = 0, from any shape.
 
-The error is that of the tip, or of tasks. The unknowns are q and u within their bounds. The method
-is Levenberg-Marquardt on both; it passes through shapes that are no equilibria, so it finds buckled
-and unstable branches that a slowly raised input never reaches. `balance_at` ends with e = 0, or
-there is no answer. It takes milliseconds, so that hundreds of shapes can be tried. `explore` lets e
-give way, so that it ends at an equilibrium in most cases.
+The error is that of the tip, or of tasks. The unknowns are q and u within their bounds. Shapes on
+the way are no equilibria, so buckled and unstable branches are found that a slowly raised input
+never reaches. `balance_at` ends with e = 0, or there is no answer. It takes milliseconds, so that
+hundreds of shapes can be tried. `explore` lets e give way, so that it ends at an equilibrium in
+most cases.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -26,9 +25,8 @@ from softdyn.statics.stops import SoftStops, locked_inputs
 
 ITERATIONS = 40
 LARGEST_STEP = 0.5  # of a joint's scale in one iteration
-LARGEST_DAMPING = 1.0  # with more of it the steps are too small to arrive at a target
-LARGEST_SOFT = 1e3  # and with soft stops, whose forces bend within a small step
-GAIN = 1e-6  # a smaller part of the cost is not worth another iteration there
+LARGEST_DAMPING = 1.0  # with more of it the steps are too small to arrive
+EVALUATIONS = 100  # of the least squares, for each of `STAGES`
 ENOUGH = 1e-16  # sum of the squared scaled residuals
 CLOSE = 1e-10  # of it: from here `balance` is tried
 STAGES = (1.0, 0.1, 0.03, 0.01, 0.0)  # weights of the error, relative to the forces
@@ -138,7 +136,11 @@ class _Residual:
 
     @classmethod
     def at(
-        cls, problem: TargetProblem, soft: SoftStops | None, weight: float, x: np.ndarray
+        cls,
+        problem: TargetProblem,
+        x: np.ndarray,
+        soft: SoftStops | None = None,
+        weight: float = 1.0,
     ) -> _Residual:
         """With hard stops, which are not touched, the errors count in full, and inputs do not."""
         model = problem.model
@@ -171,53 +173,21 @@ class _Residual:
             slope[:n, :n] += np.diag(self.soft.stiffness(coordinates))
         slope[:n, n:], slope[n:, :n] = -self.state.B, self.weight * jacobian
         slope[:n][problem.locked] = 0.0
-        size = np.concatenate((problem.force, np.full(len(jacobian), problem.length)))
-        slope = np.take(slope * (problem.scale / size[:, None]), problem.free, axis=1)
+        size = np.concatenate((problem.force, np.full(len(jacobian), problem.length)))[:, None]
+        # far from any equilibrium the way depends on rounding: each method keeps its order here
         if self.soft is None:
-            return slope
+            return np.take(slope * (problem.scale / size), problem.free, axis=1)
+        slope = np.take(slope / size * problem.scale, problem.free, axis=1)
         small = np.eye(len(self.x))[problem.free >= n]
         return np.vstack((slope, LITTLE * self.weight * small))
-
-
-def _least_squares(
-    problem: TargetProblem,
-    x: np.ndarray,
-    soft: SoftStops | None = None,
-    weight: float = 1.0,
-    steps: int = ITERATIONS,
-) -> _Residual:
-    """The least residual near x. Steps are cut at the bounds of joints and inputs."""
-    joints = problem.free < problem.model.nv
-    low, high = problem.low, problem.high
-    if soft is not None:  # they repel a joint from where it may not be
-        margin = 1e-6 * np.minimum(high - low, 1.0)
-        low, high = low + margin, high - margin
-    largest, gain = (LARGEST_DAMPING, 0.0) if soft is None else (LARGEST_SOFT, GAIN)
-    evaluate = partial(_Residual.at, problem, soft, weight)
-    here, damping = evaluate(np.clip(x, low, high)), 1e-2
-    before = np.inf
-    for _ in range(steps):
-        cost = here.cost
-        if cost < ENOUGH or damping > largest or before - cost < gain * before:
-            break
-        before = cost
-        slope = here.slope()
-        square, fall = slope.T @ slope, slope.T @ here.rows
-        while damping <= largest:
-            step = np.linalg.solve(square + damping * np.eye(len(x)), -fall)
-            step *= min(1.0, LARGEST_STEP / max(np.abs(step[joints]).max(initial=0.0), 1e-300))
-            there = evaluate(np.clip(here.x + step, low, high))
-            if there.cost < cost:
-                here, damping = there, max(damping / 10, 1e-12)
-                break
-            damping = max(10 * damping, 1e-8)
-    return here
 
 
 def balance_at(problem: TargetProblem, q: np.ndarray, u: np.ndarray) -> Equilibrium:
     """The equilibrium, stable or not, with no error, from any shape.
 
-    It does not find equilibria at a joint's limit.
+    The method is Levenberg-Marquardt; steps are cut at the bounds of joints and inputs. It does not
+    find equilibria at a joint's limit. From shapes far away SciPy's methods find others, and take
+    twice as long.
 
     Parameters
     ----------
@@ -231,25 +201,42 @@ def balance_at(problem: TargetProblem, q: np.ndarray, u: np.ndarray) -> Equilibr
     StaticsError
         If it ends elsewhere.
     """
-    model = problem.model
-    end = _least_squares(problem, problem.unknowns(q, u))
-    if end.cost < CLOSE:
-        q, u = problem.shape(end.x)
+    model, joints = problem.model, problem.free < problem.model.nv
+    x = np.clip(problem.unknowns(q, u), problem.low, problem.high)
+    here, damping = _Residual.at(problem, x), 1e-2
+    for _ in range(ITERATIONS):
+        cost = here.cost
+        if cost < ENOUGH or damping > LARGEST_DAMPING:
+            break
+        slope = here.slope()
+        square, fall = slope.T @ slope, slope.T @ here.rows
+        while damping <= LARGEST_DAMPING:
+            step = np.linalg.solve(square + damping * np.eye(len(x)), -fall)
+            step *= min(1.0, LARGEST_STEP / max(np.abs(step[joints]).max(initial=0.0), 1e-300))
+            x = np.clip(here.x + step, problem.low, problem.high)
+            there = _Residual.at(problem, x)
+            if there.cost < cost:
+                here, damping = there, max(damping / 10, 1e-12)
+                break
+            damping = max(10 * damping, 1e-8)
+    if here.cost < CLOSE:
+        q, u = problem.shape(here.x)
         found = balance(model, u, q)
         if np.linalg.norm(problem.measure(found.state)[0]) < REACHED:
             return found
-    missed = float(np.abs(end.rows[: model.nv] * problem.force).max(initial=0.0))
+    missed = float(np.abs(here.rows[: model.nv] * problem.force).max(initial=0.0))
     raise StaticsError(f"no equilibrium of {model.name} at the target", missed)
 
 
 def explore(
-    model: SoftModel, target: np.ndarray, q: np.ndarray, u: np.ndarray, steps: int = ITERATIONS
+    model: SoftModel, target: np.ndarray, q: np.ndarray, u: np.ndarray, steps: int = EVALUATIONS
 ) -> Equilibrium:
     """An equilibrium, stable or not, with its tip near `target`, from an arbitrary shape.
 
-    The residuals are the forces, the tip's error, and u with a small weight, which prefers small
-    inputs. The weight of the tip's error falls until only the forces count. Joint limits are
-    `SoftStops` first. `approach` then continues with falling softness, and ends with exact stops.
+    The method is bounded least squares on (q, u) (SciPy's reflective trust region). The residuals
+    are the forces, the tip's error, and u with a small weight, which prefers small inputs. The
+    weight of the tip's error falls until only the forces count. Joint limits are `SoftStops` first.
+    `approach` then continues with falling softness, and ends with exact stops.
 
     Parameters
     ----------
@@ -258,7 +245,7 @@ def explore(
     q, u : ndarray, (nq,), (nu,)
         The first configuration and input.
     steps : int
-        Largest number of iterations for each weight.
+        Largest number of evaluations for each weight.
 
     Raises
     ------
@@ -270,14 +257,23 @@ def explore(
 
 
 def explore_from(
-    problem: TargetProblem, q: np.ndarray, u: np.ndarray, steps: int = ITERATIONS
+    problem: TargetProblem, q: np.ndarray, u: np.ndarray, steps: int = EVALUATIONS
 ) -> Equilibrium:
     """`explore` for any errors."""
-    model, measure = problem.model, problem.measure
+    from scipy.optimize import least_squares  # imported only here, because it is slow to import
+
+    model, measure, stops = problem.model, problem.measure, problem.stops(SOFTNESS[0])
+    low, high = problem.low, problem.high
+    margin = 1e-6 * np.minimum(high - low, 1.0)
     x = problem.unknowns(q, u)
     for weight in STAGES:
-        x = _least_squares(problem, x, problem.stops(SOFTNESS[0]), weight, steps).x
-    q, u = problem.shape(x)
+        x = least_squares(
+            lambda x, weight=weight: _Residual.at(problem, x, stops, weight).rows,
+            np.clip(x, low + margin, high - margin),
+            lambda x, weight=weight: _Residual.at(problem, x, stops, weight).slope(),
+            bounds=(low, high), max_nfev=steps, ftol=1e-6, xtol=1e-8, gtol=1e-12,
+        ).x  # fmt: skip
+    q, u = problem.shape(np.clip(x, low, high))
     if not problem.near_stops(q):
         try:
             found = balance(model, u, q)
