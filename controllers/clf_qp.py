@@ -33,7 +33,7 @@ class ClfQp(TaskLaw):
 
     name = "clf-qp"
 
-    def make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
+    def _make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
         """The QP in u alone, or one for each level of the tasks."""
         if several_levels(error):
             return LevelQp(model, gains, LeastInput(model.nu), decrease=True, apart=True)

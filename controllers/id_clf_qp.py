@@ -33,7 +33,7 @@ class IdClfQp(TaskLaw):
 
     name = "id-clf-qp"
 
-    def make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
+    def _make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
         """The QP in u, with the decrease condition."""
         return make_qp(
             model,

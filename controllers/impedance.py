@@ -125,7 +125,7 @@ class Impedance(TaskLaw):
     name = "ic"
     project = False  # onto range(B)
 
-    def make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
+    def _make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
         """The clamped law.
 
         Raises

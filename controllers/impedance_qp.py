@@ -18,7 +18,7 @@ class ImpedanceQp(TaskLaw):
 
     name = "ic-qp"
 
-    def make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
+    def _make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
         """The QP in u, without the decrease condition."""
         return make_qp(
             model,

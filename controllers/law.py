@@ -36,7 +36,7 @@ class InputRule(Protocol):
 class TaskLaw(GuardedController):
     """A controller of the paper: a rule for the input, behind a guard.
 
-    A class of this kind has a `name`, and makes its rule in `make_rule`.
+    A class of this kind has a `name`, and makes its rule in `_make_rule`.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class TaskLaw(GuardedController):
         self.gains = resolve(model, self.name, gains)
         self.guard = InputGuard(model.u_min, model.u_max, model.robot)
         self.error = error = task_error(model, self.gains, tasks)
-        self._rule = self.make_rule(model, self.gains, error)
+        self._rule = self._make_rule(model, self.gains, error)
         self.solvers = self._rule.solvers
         if isinstance(error, StackedError):
             self.tasks = error.tasks  # they have no targets yet
@@ -89,7 +89,7 @@ class TaskLaw(GuardedController):
             warm_up(self, model)
 
     @abstractmethod
-    def make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
+    def _make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
         """The rule of this controller."""
 
     def reset(self, period: float) -> None:

@@ -65,7 +65,7 @@ class SoftIdClfQp(TaskLaw):
         self.barrier_rows = BarrierRows(model, barriers, self.horizon) if barriers else None
         super().__init__(model, gains, tasks=tasks)
 
-    def make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
+    def _make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
         """The QP with the decrease condition, and with the barriers' rows."""
         return make_qp(
             model,

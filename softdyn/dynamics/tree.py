@@ -282,7 +282,7 @@ class TreeModel(SoftModel):
 
     def tendon_hessians(self, q: np.ndarray) -> np.ndarray:
         """Gradients of the moment arms ∂²ℓ/∂q² (tendons, n, n)."""
-        kinematics, v = self.kinematics(q), np.zeros(self.nv)
+        kinematics, v = self.kinematics(vector("q", q, self.nq)), np.zeros(self.nv)
         hessians = np.empty((len(self.tendons.names), self.nv, self.nv))
         for t, unit in enumerate(np.eye(len(hessians))):
             hessians[t] = self.tendons.curvature(*kinematics, unit, v)[0]

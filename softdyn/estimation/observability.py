@@ -5,13 +5,14 @@ rests, without noise, from a start that is wrong in every joint. Its Riccati rec
 expected errors. A second filter without readings gives the errors that the model alone leaves. With
 their covariances P and P₀ of q, a direction x is seen if xᵀ P x < xᵀ P₀ x / 4. Along a run the
 readings have noise: a filter that knows little follows it into wrong shapes while the robot moves,
-and no equilibrium shows this.
+and no equilibrium shows this. The process noise stays at `EkfParameters.process` in both filters:
+readings without noise would lower that of one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -178,8 +179,10 @@ def observe_run(
     """
     chosen: tuple[Any, ...] = model.robot.sensors if sensors == FROM_FILE else tuple(sensors)
     start, disturbances, none = states[0].q, tuple(disturbances), np.zeros(model.nv)
+    usual = EkfParameters() if parameters is None else parameters
+    constant = replace(usual, least_process=usual.process)
     seeing, blinded = (
-        Ekf(model, chosen, disturbances, parameters=parameters, start=(at, none))
+        Ekf(model, chosen, disturbances, parameters=constant, start=(at, none))
         for at in (_wrong(model, start), start)
     )
     reader, rng = Sensors(model, chosen), np.random.default_rng(seed)
