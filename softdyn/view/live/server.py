@@ -130,6 +130,7 @@ class Hub:
 
     def _do(self, message: Message) -> None:
         if isinstance(message, RecordFrames):
+            self.heard()  # frames that were sent before the message
             self._record(message.on)
         elif isinstance(message, FindReach):
             self._ask_reach()
