@@ -6,9 +6,9 @@ A path obeys the analytic model in steps T of backward Euler,
 
     M (q̇⁺ - q̇) / T + h - B ā + stops = 0 at (q⁺, q̇⁺),   q⁺ = q ⊕ T q̇⁺,   a⁺ = E a + (1 - E) c,
 
-where a joint beyond a limit meets a stiff spring. (With the stops of `softdyn.dynamics.implicit_step`
-instead, `best` on SpiRob at θ = 0.25 with a lag of 10 ms ended at 7.38 cm, not 0.29.) E = e^(-T/λ)
-is the share of the acting input a that actuators of lag λ keep, and ā its mean over the step
+where a joint beyond a limit meets a stiff spring. (With those of `softdyn.dynamics.implicit_step`,
+`best` on SpiRob at θ = 0.25 with a lag of 10 ms ended at 7.38 cm instead of 0.29.) E = e^(-T/λ) is
+the share of the acting input a that actuators of lag λ keep, and ā its mean over the step
 (`actuation`). The commands c minimise
 
     Σ ‖y - y*‖² + speed² ‖q̇‖²_W + κ ‖a - u*‖²_diag(R) + σ ‖q - q*‖²_S / λ_S + rate ‖a⁺ - a‖²_R
