@@ -5,15 +5,12 @@ With q⁺ = q ⊕ T v⁺ the step solves
     r(q⁺, v⁺, (v⁺ - v) / T; c, d) = 0
 
 by Newton's method, r from `softdyn.dynamics.balance`. A joint that would leave its limits is held
-at the stop, q⁺ = limit, as long as the stop pushes it inward (`Stops.push`). With
+at the stop, q⁺ = limit, as long as the stop pushes it inward (`Stops.solve`). With
 A = M / T + ∂r/∂v + T ∂r/∂q, the free joints have
 
-    ∂v⁺/∂v = A⁻¹ M / T,   ∂v⁺/∂q = -A⁻¹ ∂r/∂q,   ∂v⁺/∂c = -A⁻¹ ∂r/∂c,   ∂v⁺/∂d = -A⁻¹ ∂r/∂d,
+    ∂v⁺/∂v = A⁻¹ M / T,   ∂v⁺/∂q = -A⁻¹ ∂r/∂q,   ∂v⁺/∂d = -A⁻¹ ∂r/∂d,
 
 and A⁻¹ maps a joint force to v⁺. A held joint has ∂v⁺/∂q = -1 / T and no other derivative.
-
-A stage of a diagonally implicit Runge-Kutta method is the same solve with T = γ h, from the q and v
-that its earlier stages lead to.
 
 The first Newton step takes r and its Jacobians from the linear model at the end of the step before,
 if that leads to a solution.
@@ -44,8 +41,6 @@ class ImplicitStepResult(NamedTuple):
         ∂v⁺ by q, v and d.
     by_force : ndarray, (n, n)
         ∂v⁺ by a joint force that acts during the step.
-    by_commands : ndarray, (n, m)
-        ∂v⁺ by the commands.
     held : ndarray of int, (n,)
         1 for a joint at its upper stop, -1 at the lower one, 0 for a free joint.
     inputs : ndarray, (m,)
@@ -56,7 +51,6 @@ class ImplicitStepResult(NamedTuple):
     v: np.ndarray
     by_state: np.ndarray
     by_force: np.ndarray
-    by_commands: np.ndarray
     held: np.ndarray
     inputs: np.ndarray
 
@@ -92,7 +86,6 @@ class ImplicitStep:
         d: np.ndarray,
         step: float,
         held: np.ndarray | None = None,
-        guess: np.ndarray | None = None,
     ) -> ImplicitStepResult | None:
         """The state after a step; None if the iteration does not converge.
 
@@ -108,15 +101,11 @@ class ImplicitStep:
             T (s).
         held : ndarray of int, (n,), optional
             The stops that held in the last step, a first guess.
-        guess : ndarray, (n,), optional
-            A first guess of v⁺, instead of v and the linear model of the last step.
         """
         held = np.zeros(self._model.nv, np.int64) if held is None else held
         last, self._last = self._last, None
-        if guess is not None:
-            return self._solve(q, v, commands, d, step, held, guess, None)
-        found = None if last is None else self._solve(q, v, commands, d, step, held, v, last)
-        return self._solve(q, v, commands, d, step, held, v, None) if found is None else found
+        found = None if last is None else self._solve(q, v, commands, d, step, held, last)
+        return self._solve(q, v, commands, d, step, held, None) if found is None else found
 
     def _solve(
         self,
@@ -126,11 +115,10 @@ class ImplicitStep:
         d: np.ndarray,
         step: float,
         held: np.ndarray,
-        speed: np.ndarray,
         last: tuple[BalanceTerms, tuple[np.ndarray, ...]] | None,
     ) -> ImplicitStepResult | None:
         """Newton's method, its first step on the linear model of the last balance."""
-        model, there = self._model, self._moved(q, step * speed)
+        model, speed, there = self._model, v, self._moved(q, step * v)
         for _ in range(MOST):
             point = there, speed, (speed - v) / step, commands, d
             if last is None:
@@ -172,7 +160,7 @@ def _result(
     q: np.ndarray, v: np.ndarray, terms: BalanceTerms, A: np.ndarray, step: float, held: np.ndarray
 ) -> ImplicitStepResult:
     """The step's end with its derivatives."""
-    right = np.hstack((-terms.by_q, terms.by_a / step, -terms.by_d, -terms.by_commands))
+    right = np.hstack((-terms.by_q, terms.by_a / step, -terms.by_d))
     if held.any():
         free, n = held == 0, len(v)
         # a held joint moves with q, and so drives the free ones
@@ -180,13 +168,9 @@ def _result(
         right[:, :n] -= A @ of_held
         inverse = np.zeros((n, n))
         inverse[np.ix_(free, free)] = np.linalg.inv(A[np.ix_(free, free)])
-        found = inverse @ right
-        found[:, :n] += of_held
+        by_state = inverse @ right
+        by_state[:, :n] += of_held
     else:
         inverse = np.linalg.inv(A)
-        found = inverse @ right
-    commands = found.shape[1] - terms.by_commands.shape[1]
-    return ImplicitStepResult(
-        q, v, np.ascontiguousarray(found[:, :commands]), inverse, found[:, commands:], held,
-        terms.inputs,
-    )  # fmt: skip
+        by_state = inverse @ right
+    return ImplicitStepResult(q, v, by_state, inverse, held, terms.inputs)

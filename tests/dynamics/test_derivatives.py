@@ -66,7 +66,7 @@ def test_acceleration(model):
 
 
 def test_tangent_dynamics(model):
-    """Of the State's h - B u at q̈ = 0."""
+    """The Jacobians of the State's h - B u at q̈ = 0."""
     q, v, u = random_case(model)
 
     def force(x: np.ndarray) -> np.ndarray:

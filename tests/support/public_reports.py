@@ -244,7 +244,7 @@ def steps_not_solved(folder: Path) -> int:
 
 
 def pulled_tip(folder: Path) -> float:
-    """Where the cart rests (m) after its rubbing cable was pulled."""
+    """The cart's position at rest (m) after its rubbing cable was pulled."""
     return float(rollout(softdyn.load(folder / "rope.urdf"), [10.0], 2.0, friction=True).y[-1, 0])
 
 
