@@ -4,6 +4,7 @@ from .live.playing import play
 from .loop.certificate import certified
 from .loop.log import Log
 from .mjcf.comparison.comparison import compare
+from .mjcf.scene import Scene
 from .rollouts.rollout import rollout, rollouts
 from .simulate import simulate
 from .studies.side_by_side import benchmark
@@ -16,6 +17,7 @@ __all__ = [
     "Integrator",
     "Log",
     "Rig",
+    "Scene",
     "StateMap",
     "Twin",
     "benchmark",

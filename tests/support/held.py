@@ -61,9 +61,8 @@ class Uses:
 
     def drive(self, plant: Any) -> list[Any]:
         """One control period of a plant behind a rig."""
-        twin = plant.twin
-        q, v = StateMap(self.model, twin).from_twin(twin.qpos, twin.qvel)
-        return [plant.see(self.model.state(q, v)).q, plant.advance(PUSH, 10), *plant.sample()]
+        seen = plant.see(self.model.state(*plant.state()))
+        return [seen.q, *plant.advance(PUSH, 10, seen).values(), *plant.sample().values()]
 
     def advance(self, twin: Any) -> list[Any]:
         """Ten steps of a twin."""

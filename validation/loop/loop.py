@@ -100,6 +100,8 @@ class Loop(Separate):
         self.seen, self.values, self.state = None, {}, None
         found = self.plant.state()
         if found is None:  # of a real robot only an observer knows them
+            if self.observation is None:
+                raise InputError("observer", "one, because the plant has no state", "none")
             self.state = self.see(t)
             return self.state.q, self.state.v
         q, v = found
