@@ -347,7 +347,7 @@ def make_rig(said: str | None, model: SoftModel) -> Any:
 
     if said in (None, FROM_FILE):
         return said
-    rig = Rig.of(cli.read_toml(said))
+    rig = Rig.of(cli.read_toml(said), said)
     robot = rig.robot(model.robot)
     missing = cli.lacks(robot)
     wound = any(actuator.is_winch for actuator in robot.actuators)

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, Reference, SoftModel
-from softdyn.checks import array, in_degrees, table_of
+from softdyn.checks import array, in_degrees
 from softdyn.controllers.staged import best
 from softdyn.estimation import Observer
 from softdyn.safety import Surroundings
 from softdyn.statics.suspicious_values import fast_springs
+from softdyn.toml_table import TomlTable
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.twin.rig import Rig
 from softdyn.validation.twin.settings import Integrator
@@ -95,7 +96,7 @@ class RunOptions:
         InputError
             An unknown option; the error names the one that may be meant.
         """
-        values = table_of("options", given, [field.name for field in fields(cls)])
+        values = TomlTable(given, "options").rest([field.name for field in fields(cls)])
         for name, make in (("rig", Rig.of), ("surroundings", Surroundings.of)):
             if isinstance(values.get(name), Mapping):
                 values[name] = make(values[name])

@@ -5,17 +5,18 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from softdyn import InputError, SoftModel, State
 from softdyn.actuation import Winches
-from softdyn.checks import instance, instances, number, table_of, whole
+from softdyn.checks import instance, instances, number, whole
 from softdyn.copies import Separate
 from softdyn.description.rig import LONGEST_DELAY, SMALLEST_WINCH, CommandKind, Sensor
 from softdyn.description.robot import MOST_FRICTION, Robot, Tendon
+from softdyn.toml_table import TomlTable
 from softdyn.validation.channels import Channel, inputs, positions, rates
 from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.readings import Readings, command_units, component_units
@@ -106,19 +107,20 @@ class Rig:
             object.__setattr__(self, "command", CommandKind(self.command))
 
     @classmethod
-    def of(cls, table: Mapping[str, Any]) -> Rig:
+    def of(cls, table: Mapping[str, Any], where: str = "rig") -> Rig:
         """A rig from a table of its fields, such as a TOML file's; `plant` is a table of its own.
+
+        Errors name `where`, the table's file.
 
         Raises
         ------
         InputError
             An unknown key, and whatever the fields refuse.
         """
-        own = [part.name for part in fields(cls) if part.name != "sensors"]
-        values = table_of("rig", table, own)
-        names = [part.name for part in fields(PlantErrors)]
-        plant = PlantErrors(**table_of("rig.plant", values.pop("plant", {}), names))
-        return cls(**values, plant=plant)
+        read = TomlTable(table, where)
+        plant = read.table("plant")
+        errors = PlantErrors() if plant is None else plant.make(PlantErrors)
+        return read.make(cls, plant=errors, sensors=None)
 
     def robot(self, robot: Robot) -> Robot:
         """The robot with this rig.

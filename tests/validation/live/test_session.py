@@ -388,7 +388,7 @@ def test_play_takes_gains(tmp_path, monkeypatch):
         assert tuple(menu[n](softdyn.load("finger")).gains.Kp for n in words[1:3]) == expected
     (tmp_path / "g.toml").write_text("Kq = 7.0\n")
     made = play.controllers_of(play.parser.parse_args(words), "soft-id-clf-qp")
-    with pytest.raises(InputError, match=r"g.toml: gains: expected any of Kp"):
+    with pytest.raises(InputError, match=r"g.toml: gains: Kq: expected one of Kp"):
         made["soft-id-clf-qp"](softdyn.load("finger"))
 
 
