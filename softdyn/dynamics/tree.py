@@ -141,7 +141,9 @@ class TreeModel(SoftModel):
         self._joint_rows, self._spatial = (rows, self.nv), tendons.spatial
         self._damped = tendons.spatial and bool(self.tendon_damping.any())
         self._slackens = bool(self.tendon_slack.any())
-        self._assemble = self._by_kernel if COMPILES else self._in_numpy
+        # round bodies have no kernel
+        compiles = COMPILES and not tendons.wraps
+        self._assemble = self._by_kernel if compiles else self._in_numpy
 
     # -- state ---------------------------------------------------------------------------------
 
@@ -211,7 +213,7 @@ class TreeModel(SoftModel):
             "q": q, "v": v, "M": M, "bias": data.nle, "K": K, "D": D, "h": data.nle + D @ v + K,
             "J": J, "Jdot": Jdot, "y": y, "ydot": J @ v, "lengths": lengths, "moment_arms": arms,
         }  # fmt: skip
-        kept = {name: read_only(value) for name, value in terms.items()}
+        kept = {name: read_only(np.ascontiguousarray(value)) for name, value in terms.items()}
         B.flags.writeable = False  # no copy: B keeps its memory order
         return State.trusted(model=self, B=B, **kept)
 
