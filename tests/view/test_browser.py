@@ -206,8 +206,9 @@ def test_the_card_states_the_tip_the_units_and_the_length_of_the_axes(browser, l
     x, y, z = (f"{100 * value:.1f}" for value in log.y[-1])
     assert browser.run(texts("#legend .tip output")) == [f"{x}, {y}, {z} cm"]
     assert browser.run(texts("#inputs summary")) == [f"inputs ({input_unit(model.robot)})"]
-    length = browser.run("softdyn.axes.length")
-    assert browser.run(texts("#axes")) == [f"axes x y z , each {100 * length:.3g} cm"]
+    assert browser.run(texts("#axes")) == ["axes x y z , each 10 cm"]  # the robot is 0.5 m long
+    box = "(({min, max}) => max.x - min.x)(new T.Box3().setFromObject(softdyn.axes.object))"
+    assert browser.run(box) == pytest.approx(0.1, rel=0.1)
     shown = browser.pixels("canvas")
     browser.run("softdyn.axes.object.visible = false")
     assert changed(shown, browser.pixels("canvas")) > 100
