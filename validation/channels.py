@@ -16,7 +16,7 @@ RATES = {"rad": "rad/s", "m": "m/s", "": ""}
 
 
 @dataclass(frozen=True)
-class Channel:
+class LogChannel:
     """A quantity of a run.
 
     Attributes
@@ -44,7 +44,7 @@ class Channel:
     @classmethod
     def of(
         cls, name: str, columns: Iterable[tuple[str, str]], title: str = "", held: bool = False
-    ) -> Channel:
+    ) -> LogChannel:
         """A channel from the (name, unit) of its columns; `name` is its title by default."""
         pairs = list(columns)
         return cls(

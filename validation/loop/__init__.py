@@ -1,6 +1,6 @@
 """The loop of a controller and a plant, independent of the paper's experiments.
 
-- `loop`: `Loop`, one control period at a time; every run steps it
+- `loop`: `ControlLoop`, one control period at a time; every run steps it
 - `plants`: the contract of what a loop moves, and the simulated plants
 - `closed_loop`: `ClosedLoop`, a loop with a reference, a planned time and a record
 - `arguments`: `RunOptions`, all arguments of a run, and their checks

@@ -20,7 +20,7 @@ from softdyn.controllers.controller import Command
 from softdyn.controllers.qps.stacked_error import rows_of
 from softdyn.tasks.marks import marks_of, target_row
 from softdyn.tasks.task import Task, errors_along
-from softdyn.validation.channels import Channel, inputs, positions, rates
+from softdyn.validation.channels import LogChannel, inputs, positions, rates
 
 LONGEST = 200  # characters of a status
 LARGEST = 2**53  # of a count: a float represents all integers up to it
@@ -72,28 +72,28 @@ class Recorder:
         The robot.
     t : np.ndarray, (N + 1,)
         The sampling times of N control steps (s).
-    more : iterable of Channel
+    more : iterable of LogChannel
         The channels besides those of every run.
 
     Attributes
     ----------
     t : np.ndarray, (N + 1,)
         The sampling times.
-    channels : dict of str to Channel
+    channels : dict of str to LogChannel
         The channels by name.
     samples : int
         The number of samples recorded.
     """
 
-    def __init__(self, model: SoftModel, t: np.ndarray, more: Iterable[Channel] = ()) -> None:
+    def __init__(self, model: SoftModel, t: np.ndarray, more: Iterable[LogChannel] = ()) -> None:
         self.t, self.samples, self._model = t, 0, model
-        self.channels: dict[str, Channel] = {}
+        self.channels: dict[str, LogChannel] = {}
         self._arrays: dict[str, np.ndarray] = {}
         for channel in (*every_run(model), *more):
             self.add(channel)
         self._arrays["t"] = t
 
-    def add(self, channel: Channel) -> None:
+    def add(self, channel: LogChannel) -> None:
         """Record one channel more."""
         self.channels[channel.name] = channel
         self._arrays[channel.name] = channel.empty(len(self.t))
@@ -120,7 +120,7 @@ class Recorder:
         )  # fmt: skip
         if isinstance(answer, Command) and math.isfinite(answer.distance):
             if "distance" not in self.channels:
-                self.add(Channel("distance", units=("m",), held=True))
+                self.add(LogChannel("distance", units=("m",), held=True))
             self.put(k, distance=answer.distance)
 
     def error_at(self, k: int) -> np.ndarray:
@@ -156,17 +156,17 @@ class Recorder:
         return found
 
 
-def every_run(model: SoftModel) -> tuple[Channel, ...]:
+def every_run(model: SoftModel) -> tuple[LogChannel, ...]:
     """The channels of every run of a robot."""
     axes = [(axis, "m") for axis in "xyz"]
     return (
-        Channel("t", units=("s",), title="t"),
-        Channel.of("u", inputs(model), held=True),
-        Channel.of("q", positions(model)), Channel.of("v", rates(model)),
-        Channel.of("y", axes, "tip"), Channel.of("y_ref", axes, "target"),
-        Channel.of("error", axes),
-        Channel("V", held=True), Channel("delta", held=True),
-        Channel("status", text=True, held=True), Channel("step_us", units=("us",), held=True),
+        LogChannel("t", units=("s",), title="t"),
+        LogChannel.of("u", inputs(model), held=True),
+        LogChannel.of("q", positions(model)), LogChannel.of("v", rates(model)),
+        LogChannel.of("y", axes, "tip"), LogChannel.of("y_ref", axes, "target"),
+        LogChannel.of("error", axes),
+        LogChannel("V", held=True), LogChannel("delta", held=True),
+        LogChannel("status", text=True, held=True), LogChannel("step_us", units=("us",), held=True),
     )  # fmt: skip
 
 

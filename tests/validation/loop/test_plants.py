@@ -9,7 +9,7 @@ import pytest
 
 from softdyn import InputError
 from softdyn.validation import rollout, simulate
-from softdyn.validation.channels import Channel
+from softdyn.validation.channels import LogChannel
 from softdyn.validation.loop.plants import Plant
 from softdyn.validation.twin.twin import SimulationError
 from tests.support.cart import DAMPING, MASS, STIFFNESS, TARGET, steer
@@ -23,7 +23,7 @@ class Cart:
     def __init__(self, shy: bool, period: float = 0.01, stops: float = np.inf) -> None:
         self.shy, self.period, self.stops, self.t = shy, period, stops, 0.0
         self.sent, self.settings = np.zeros(1), {"contacts": False}
-        self.channels = (Channel.of("measured", [("ruler", "m")]),)
+        self.channels = (LogChannel.of("measured", [("ruler", "m")]),)
 
     def start(self, q, v, t=0.0, u=None):
         self.x, self.v, self.t = float(q[0]), float(v[0]), t
