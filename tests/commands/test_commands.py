@@ -200,6 +200,22 @@ def test_keys_of_a_rig_that_change_nothing_say_so(tmp_path):
     ]
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("lagg = 0.01", "rig.toml: lagg: expected one of plant, lag, "),
+        ("lag = -1.0", "rig.toml: lag: expected a finite number >= 0, got -1.0"),
+        ("[plant]\nmas = 2.0", "rig.toml: [plant]: mas: expected one of contacts, "),
+    ],
+)
+def test_a_bad_rig_file_is_named(tmp_path, text, said):
+    (tmp_path / "arm.urdf").write_text(preloaded.text())
+    (tmp_path / "rig.toml").write_text(text)
+    words = ("arm.urdf", "--rig", "rig.toml", "--seconds", "0.01")
+    done = command("rollout", *words, cwd=tmp_path)
+    assert (done.code, said in done.err) == (2, True), done.err
+
+
 def test_an_option_with_a_use_says_nothing(tmp_path, recwarn):
     file = tmp_path / "arm.urdf"
     file.write_text(preloaded.text())

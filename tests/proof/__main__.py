@@ -11,7 +11,8 @@ PROGRAMS = (
     "fuzz", "robots", "pairs", "planted", "textbook", "reproduce", "certify",
     "closed_forms", "peer", "field", "identification.second_opinion", "twins",
     "step_time", "hostile", "throughput", "observer_time", "live_time", "compare_steps", "scaling",
-    "poses", "scenes", "obstacle", "estimates.forces", "tables", "pictures", "wraps",
+    "poses", "scenes", "obstacle", "estimates.forces", "tables", "pictures",
+    "weights", "wraps",
 )  # fmt: skip
 
 # a program's name → its module
