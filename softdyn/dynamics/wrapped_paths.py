@@ -64,12 +64,8 @@ class WrappedPiece:
         """The piece at the bodies' poses, with second derivatives if it `bends`."""
         rotation = rotations[self.carrier]
         axes, centre = rotation @ self.axes, rotation @ self.centre + translations[self.carrier]
-        points = np.array(
-            [
-                rotations[k] @ site + translations[k]
-                for k, site in zip(self.bodies, self.sites, strict=True)
-            ]
-        )
+        where = list(self.bodies)
+        points = np.matmul(rotations[where], self.sites[:, :, None])[:, :, 0] + translations[where]
         a, b = (points - centre) @ axes
         return PlacedPiece(self, axes, centre, points, course(self.body, a, b, bends=bends))
 
@@ -109,14 +105,14 @@ class PlacedPiece:
     def columns(self, S: np.ndarray, end: int) -> np.ndarray:
         """∂/∂q (k, 3) of a site's position in the round body's frame, over its `dofs`."""
         dofs, signs = self.piece.dofs[end], self.piece.signs[end]
-        moved = S[dofs, :3] + np.cross(S[dofs, 3:], self.points[end])
+        moved = S[dofs, :3] + S[dofs, 3:] @ _times(self.points[end])
         return (signs[:, None] * moved) @ self.axes
 
     def moment_arms(self, S: np.ndarray, end: int) -> np.ndarray:
-        """The part of ∂ℓ/∂q (nv,) by one of the sites."""
-        arms = np.zeros(len(S))
-        arms[self.piece.dofs[end]] = self.columns(S, end) @ self.course.gradient[end]
-        return arms
+        """The part of ∂ℓ/∂q (k,) by one of the sites, over its `dofs`."""
+        along = self.axes @ self.course.gradient[end]
+        wrench = np.concatenate((along, _times(self.points[end]) @ along))
+        return self.piece.signs[end] * (S[self.piece.dofs[end]] @ wrench)
 
     def jacobian(self, S: np.ndarray) -> np.ndarray:
         """∂/∂q (6, nv) of both sites' positions in the round body's frame."""
@@ -125,21 +121,27 @@ class PlacedPiece:
             found[3 * end : 3 * end + 3, self.piece.dofs[end]] = self.columns(S, end).T
         return found
 
-    def carried(self, S: np.ndarray, end: int) -> np.ndarray:
-        """Σ g · ∂²x/∂q² (nv, nv) of a site's position x in the round body's frame."""
+    def carried(self, S: np.ndarray, end: int, columns: np.ndarray) -> np.ndarray:
+        """Σ g · ∂²x/∂q² (k, k) of a site's position x in the round body's frame.
+
+        It is over the site's `dofs`; `columns` (3, k) is their part of the `jacobian`.
+        """
         dofs, signs = self.piece.dofs[end], self.piece.signs[end]
         turning = (signs[:, None] * S[dofs, 3:]) @ self.axes
-        values = turning @ np.cross(self.columns(S, end), self.course.gradient[end]).T
-        found = np.zeros((len(S), len(S)))
-        found[np.ix_(dofs, dofs)] = np.triu(values) + np.triu(values, 1).T
-        return found
+        values = turning @ (columns.T @ _times(self.course.gradient[end])).T
+        nearer = np.arange(len(dofs))[:, None] <= np.arange(len(dofs))
+        return np.where(nearer, values, values.T)
 
     def hessian(self, S: np.ndarray) -> np.ndarray:
         """∂²ℓ/∂q² (nv, nv)."""
-        bend = self.course.bend
+        bend, columns = self.course.bend, self.jacobian(S)
         assert bend is not None
-        columns = self.jacobian(S)
-        return columns.T @ bend.hessian @ columns + self.carried(S, 0) + self.carried(S, 1)
+        found: np.ndarray = columns.T @ bend.hessian @ columns
+        for end in (0, 1):
+            dofs = self.piece.dofs[end]
+            own = columns[3 * end : 3 * end + 3, dofs]
+            found[dofs[:, None], dofs] += self.carried(S, end, own)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +199,7 @@ class WrappedPaths:
         for placed in self.at(rotations, translations):
             lengths[placed.piece.tendon] += placed.course.length
             for end in (0, 1):
-                arms[placed.piece.tendon] += placed.moment_arms(S, end)
+                arms[placed.piece.tendon, placed.piece.dofs[end]] += placed.moment_arms(S, end)
 
     def add_curvature(
         self,
@@ -261,6 +263,12 @@ def compile_wraps(tendons: tuple[Tendon, ...], anchor: Anchor, moves: np.ndarray
                 )
             )  # fmt: skip
     return WrappedPaths(tuple(found))
+
+
+def _times(x: np.ndarray) -> np.ndarray:
+    """The matrix X (3, 3) for which ω X is ω × x."""
+    a, b, c = x.tolist()
+    return np.array(((0.0, -c, b), (c, 0.0, -a), (-b, a, 0.0)))
 
 
 def _between(moves: np.ndarray, start: int, end: int) -> tuple[np.ndarray, np.ndarray]:

@@ -51,7 +51,7 @@ class Contact(Enum):
     ENTERED = "entered"
     """It is straight because one of its ends is inside the body."""
     CLOCKWISE = "clockwise"
-    """It runs around the body, clockwise seen from the end of the axis."""
+    """It runs around the body, clockwise about a cylinder's axis, or the long way of a sphere."""
     COUNTER = "counter-clockwise"
     """It runs around the body the other way."""
     BENT = "bent"
@@ -193,9 +193,9 @@ def _plane_of(body: Body, a: np.ndarray, b: np.ndarray) -> np.ndarray:
             second = other - (other @ first) * first
             size = math.sqrt(second @ second)
             if size > NEAR * math.sqrt(other @ other) + SMALLEST:
-                second = second / size
                 break
-    return np.array((first, second, np.cross(first, second)))
+    (x, y, z), (u, v, w) = first.tolist(), (second / size).tolist()
+    return np.array(((x, y, z), (u, v, w), (y * w - z * v, z * u - x * w, x * v - y * u)))
 
 
 def _straight(contact: Contact, a: np.ndarray, b: np.ndarray, bends: bool) -> Course:
@@ -205,7 +205,8 @@ def _straight(contact: Contact, a: np.ndarray, b: np.ndarray, bends: bool) -> Co
     bend = None
     if bends:
         across = (np.eye(3) - np.outer(along, along)) / max(length, SMALLEST)
-        bend = Bend(np.block([[across, -across], [-across, across]]), np.zeros(6))
+        both = np.hstack((np.eye(3), -np.eye(3)))
+        bend = Bend(both.T @ across @ both, np.zeros(6))
     return Course(contact, length, np.array((-along, along)), 0.0, None, bend)
 
 
@@ -373,16 +374,23 @@ def _bent(plane: _Plane, d: Points, r: float) -> _Curved:
 
 
 def _on_sphere(plane: _Plane, curved: _Curved | None, axes: np.ndarray) -> Course:
-    flat, normal = axes[:2], axes[2]
+    flat = axes[:2]
     gradient = np.reshape(plane.gradient, (2, 2)) @ flat
     points = np.reshape(plane.points, (2, 2)) @ flat
     bend = None
     if curved is not None:
-        both = np.kron(np.eye(2), flat)
-        hessian = both.T @ curved.hessian @ both
-        hessian += np.kron(curved.normal, np.outer(normal, normal))
+        both, beside = _of_both(flat), _of_both(axes[2:])
+        hessian = both.T @ curved.hessian @ both + beside.T @ curved.normal @ beside
         bend = Bend(hessian, curved.turn @ both)
     return Course(plane.contact, plane.length, gradient, plane.turn, points, bend)
+
+
+def _of_both(rows: np.ndarray) -> np.ndarray:
+    """The matrix (2 k, 6) that takes components (k, 3) of both points."""
+    k = len(rows)
+    found = np.zeros((2 * k, 6))
+    found[:k, :3] = found[k:, 3:] = rows
+    return found
 
 
 def _on_cylinder(plane: _Plane, curved: _Curved | None, low: float, high: float) -> Course:
@@ -399,7 +407,7 @@ def _on_cylinder(plane: _Plane, curved: _Curved | None, low: float, high: float)
     points = np.column_stack((np.reshape(plane.points, (2, 2)), heights))
     bend = None
     if curved is not None:
-        both = np.kron(np.eye(2), np.eye(2, 3))
+        both = _of_both(np.eye(2, 3))
         across = sine * first - cosine * up
         hessian = cosine * (both.T @ curved.hessian @ both) + np.outer(across, across) / length
         steeper = sine * across / length  # the gradient of the cosine
