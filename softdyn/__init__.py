@@ -19,7 +19,7 @@
   MuJoCo; `commands`: the command line;
 - `references`: set points and ellipses; `loading`: `load`; `checks`, `exceptions`: checks of
   arguments, and errors; `copies`: copies that stay read-only, and share nothing that changes;
-  `files`: files written whole or not at all; `toml_table`, `csv_columns`: the readers of TOML and
+  `files`: files written whole or not at all; `toml_table`, `csv_table`: the readers of TOML and
   CSV;
   `compiled`: kernels with and without Numba.
 

@@ -224,6 +224,35 @@ class ClosedLoop(Separate):
                 self._record.put(self.steps, q=found[0], v=found[1])
             self._end(verdict.plant_stopped(error.time, error.reason))
 
+    def hold(self, **values: Any) -> None:
+        """Record a period without a control step: the clock is late, and the last input acts on.
+
+        Parameters
+        ----------
+        **values : Any
+            Values of this period's sample that differ from the last one's, by channel.
+        """
+        if self.done or not 0 < self.steps < self.grid.steps:
+            return
+        k = self.steps
+        self._record.repeat(k, self.reference(float(self._record.t[k])).y)
+        self._record.put(k, **values)
+        self.steps += 1
+
+    def stopped(self, reason: str) -> None:
+        """End the run early; `reason` is in its log."""
+        last = max(self._record.samples - 1, 0)
+        self.reason = f"stopped at {self._record.t[last]:.4g} s: {reason}"
+
+    def share(self, shared: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Keep the record in other arrays, such as copies in memory that processes share."""
+        self._record.share(shared)
+
+    def resume_at(self, steps: int) -> None:
+        """Go on from a record of so many control steps that another process has made."""
+        self.steps, self.done = steps, False
+        self._record.samples = steps
+
     def step(self) -> ControlStep | None:
         """Run one control period, `control` and `advance`; None if the run is over."""
         step = self.control()

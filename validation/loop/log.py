@@ -63,6 +63,11 @@ class Log:
         With a rig: the state that the controller saw.
     measured : np.ndarray, (N + 1, sensors), or None
         With a rig: the readings of its sensors, with columns such as ``camera.x``.
+    clock, stamps : np.ndarray, (N + 1,), (N + 1, sensors), or None
+        On a real rig: the time of each sample on the clock of `time.monotonic` (s), NaN of a period
+        that was left out, and the time t (s) at which each reading was measured.
+    missed : np.ndarray, (N + 1,), or None
+        On a real rig: the deadlines missed before each sample.
     tasks : np.ndarray, (N + 1, columns), or None
         Of a controller with `tasks`: their errors.
     targets : np.ndarray, (N + 1, numbers), or None
@@ -129,6 +134,9 @@ class Log:
     q_seen: ClassVar[np.ndarray | None] = None
     v_seen: ClassVar[np.ndarray | None] = None
     measured: ClassVar[np.ndarray | None] = None
+    clock: ClassVar[np.ndarray | None] = None
+    stamps: ClassVar[np.ndarray | None] = None
+    missed: ClassVar[np.ndarray | None] = None
     tasks: ClassVar[np.ndarray | None] = None
     targets: ClassVar[np.ndarray | None] = None
     disturbances: ClassVar[np.ndarray | None] = None

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError
-from softdyn.csv_columns import columns
+from softdyn.csv_table import CsvTable
 from softdyn.validation.arrays import read_npz
 from softdyn.validation.channels import LogChannel
 from softdyn.validation.files import atomic, write_text
@@ -97,17 +97,16 @@ def load_csv(path: str | Path) -> tuple[Channels, dict[str, Any]]:
     InputError
         The file cannot be read, or is no consistent log of this version.
     """
-    titles, _, rows = columns(path)
-    if SETTINGS not in titles or not rows:
+    file = CsvTable(path)
+    if SETTINGS not in file.titles:
         raise InputError(f"{path}: header", f"a column {SETTINGS!r}, as a log has it", "none")
-    column = dict(zip(titles, zip(*rows, strict=True), strict=True))
-    found, about = _declared(str(path), "".join(column[SETTINGS]))
+    found, about = _declared(str(path), "".join(file.cells(SETTINGS)))
     channels = {}
     for name, channel in found.items():
-        values = channel.empty(len(rows)).reshape(len(rows) - channel.held, len(channel.titles))
+        values = channel.empty(len(file)).reshape(len(file) - channel.held, len(channel.titles))
         for k, title in enumerate(channel.titles):
-            if title in column:
-                cells = column[title][: len(values)]
+            if title in file.titles:
+                cells = file.cells(title)[: len(values)]
                 try:
                     values[:, k] = cells if channel.text else [float(x or "nan") for x in cells]
                 except ValueError:

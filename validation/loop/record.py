@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
@@ -123,6 +123,21 @@ class Recorder:
             if "distance" not in self.channels:
                 self.add(LogChannel("distance", units=("m",), held=True))
             self.put(k, distance=answer.distance)
+
+    def repeat(self, k: int, y_ref: np.ndarray) -> None:
+        """Record at sample `k` what sample k - 1 has, without a step time."""
+        for name, array in self._arrays.items():
+            if name != "t":
+                array[k] = array[k - 1]
+        self.put(k, step_us=np.nan, status="left out")
+        self.sample(k, self._arrays["y"][k].copy(), y_ref)
+
+    def share(self, shared: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Keep all numbers in the arrays that a function returns for the present ones."""
+        for name, array in self._arrays.items():
+            if array.dtype != object:
+                self._arrays[name] = shared(array)
+        self.t = self._arrays["t"]
 
     def error_at(self, k: int) -> np.ndarray:
         """The error (3,) (m) of sample `k`."""
