@@ -145,6 +145,7 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn import Reference
     from softdyn.controllers.registry import one_line_errors
     from softdyn.validation import paper
+    from softdyn.validation.loop.arguments import RunOptions
     from softdyn.validation.loop.closed_loop import ClosedLoop
 
     model = cli.load_robot(arguments)
@@ -176,26 +177,14 @@ def command(arguments: cli.Arguments) -> int:
         from softdyn.validation.loop.certificate import TrueRate, certified
 
         TrueRate(controller)  # it may refuse the controller
-    rig, observer, shown = make_rig(arguments.rig, model), None, None
-    if arguments.observer is not None:
-        from softdyn.validation.loop.observation import make_observer
-
-        observer = make_observer(model, rig, arguments.observer)
+    shown = None
+    options = RunOptions(
+        duration=arguments.duration, period=arguments.period, q0=arguments.q0,
+        contacts=arguments.contacts, plant=plant, rig=make_rig(arguments.rig, model),
+        observer=arguments.observer, surroundings=around, name=arguments.controller,
+    )  # fmt: skip
     with one_line_errors(arguments.controller, "a command"), cli.saved_in_errors(arguments.log):
-        loop = ClosedLoop(
-            model,
-            controller,
-            experiment,
-            duration=arguments.duration,
-            period=arguments.period,
-            q0=arguments.q0,
-            contacts=arguments.contacts,
-            plant=plant,
-            rig=rig,
-            observer=observer,
-            surroundings=around,
-            name=arguments.controller,
-        )
+        loop = ClosedLoop(model, controller, experiment, options)
         if arguments.view:
             log, shown = watch(loop, plant, arguments)
         else:
@@ -217,8 +206,8 @@ def command(arguments: cli.Arguments) -> int:
             line, report["nearest_rest"] = nearest_to_tasks(loop, log, arguments.tolerance)
         text = f"{text}\n{line}".rstrip()
     text = "\n".join(filter(None, [cli.best_note(model, log.controller, arguments.gains), text]))
-    if observer is not None:
-        line, report["process_noise"] = unmodelled(observer)
+    if loop.loop.observation is not None:
+        line, report["process_noise"] = unmodelled(loop.loop.observation.observer)
         text = f"{text}\n{line}".rstrip()
     if plant is not None:
         report["plant"] = plant.to_dict()
@@ -358,7 +347,7 @@ def make_rig(said: str | None, model: SoftModel) -> Any:
 
     if said in (None, FROM_FILE):
         return said
-    rig = Rig.of(cli.read_toml(said))
+    rig = Rig.of(cli.read_toml(said), said)
     robot = rig.robot(model.robot)
     missing = cli.lacks(robot)
     wound = any(actuator.is_winch for actuator in robot.actuators)

@@ -80,9 +80,9 @@ def test_a_file_is_the_same_as_its_objects_and_its_table() -> None:
 @pytest.mark.parametrize(
     ("table", "said"),
     [
-        ({"ball": []}, "f.toml: expected any of half_space, sphere, box, pairs, got 'ball'"),
-        ({"box": {"size": 1}}, "f.toml: expected tables [[box]]"),
-        ({"sphere": [{"centre": [0, 0, 0]}]}, "f.toml: [[sphere]] 1: radius: expected a value"),
+        ({"ball": []}, "f.toml: ball: expected one of half_space, sphere, box, pairs, got 'ball'"),
+        ({"box": {"size": 1}}, "f.toml: box: expected [[box]], got [box]"),
+        ({"sphere": [{"centre": [0, 0, 0]}]}, "f.toml: [[sphere]] 1: expected radius, got none"),
         ({"sphere": [{"centre": [0, 0, 0], "radus": 1}]}, "did you mean 'radius'?"),
         ({"sphere": [{"centre": [0, 0, 0], "radius": -1}]}, "[[sphere]] 1: radius: expected a fin"),
         ({"box": [{"centre": [0, 0, 0], "size": "big"}]}, "[[box]] 1: size: expected finite numb"),

@@ -18,6 +18,7 @@ import numpy as np
 
 import softdyn
 from softdyn.actuation import Capstan, Winches
+from softdyn.actuation.drives import lag_shares
 from softdyn.description.rig import CommandKind, Sensor, SensorKind
 from softdyn.description.robot import Robot
 from softdyn.dynamics.model import SoftModel, State
@@ -217,7 +218,7 @@ class RigMotion:
         self._speeds = np.array([a.command is CommandKind.VELOCITY for a in actuators], bool)
         lags = np.array([a.lag for a in actuators])
         self._lagging = (lags > 0) & ~self._speeds
-        self._gain = np.where(lags > 0, -np.expm1(-h / np.where(lags > 0, lags, 1.0)), 1.0)
+        self._gain = 1.0 - lag_shares(h, lags)[0]
         self._most = h * np.array([a.rate for a in actuators])
         self._held, waiting = held.copy(), np.where(self._speeds, 0.0, held)
         self._allowed, self._rate = waiting, np.zeros_like(held)

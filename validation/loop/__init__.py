@@ -1,8 +1,9 @@
-"""The closed loop of a controller and a plant, independent of the paper's experiments.
+"""The loop of a controller and a plant, independent of the paper's experiments.
 
-- `simulate`: a closed loop in one call
-- `closed_loop`: `ClosedLoop`, which can be stepped
-- `arguments`: checks of a loop's arguments; the user's own plant
+- `loop`: `ControlLoop`, one control period at a time; every run steps it
+- `plants`: the contract of what a loop moves, and the simulated plants
+- `closed_loop`: `ClosedLoop`, a loop with a reference, a planned time and a record
+- `arguments`: `RunOptions`, all arguments of a run, and their checks
 - `experiment`: a loop's task: its reference, duration and control period
 - `observation`: an observer between the sensors and the controller
 - `time_grid`: the division of a run into control periods and plant steps

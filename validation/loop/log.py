@@ -91,6 +91,11 @@ class Log:
         With a rig: the state that the controller saw.
     measured : np.ndarray, (N + 1, sensors), or None
         With a rig: the readings of its sensors.
+    clock, stamps : np.ndarray, (N + 1,), (N + 1, sensors), or None
+        On a real rig: the time of each sample on the clock of `time.monotonic` (s), NaN of a period
+        that was left out, and the time t (s) at which each reading was measured.
+    missed : np.ndarray, (N + 1,), or None
+        On a real rig: the deadlines missed before each sample.
     sensor_names : tuple[str, ...]
         The columns of `measured`, e.g. ``camera.x``.
     tasks, task_names : np.ndarray, (N + 1, columns), or None; tuple[str, ...]
@@ -156,6 +161,9 @@ class Log:
     q_seen: np.ndarray | None = None
     v_seen: np.ndarray | None = None
     measured: np.ndarray | None = None
+    clock: np.ndarray | None = None
+    stamps: np.ndarray | None = None
+    missed: np.ndarray | None = None
     sensor_names: tuple[str, ...] = ()
     command_units: tuple[str, ...] = ()
     sensor_units: tuple[str, ...] = ()

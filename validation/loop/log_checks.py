@@ -43,6 +43,8 @@ RIGGED = {
     "v_seen": ("steps", "nv"),
     "measured": ("samples", "sensors"),
 }
+# only from a run on a real rig
+DRIVEN = {"clock": ("samples",), "stamps": ("samples", "sensors"), "missed": ("samples",)}
 # only from a controller of several tasks
 TASKED = {"tasks": ("samples", "columns")}
 # and of those, only from tasks of links' frames
@@ -53,7 +55,7 @@ SURROUNDED = {"reserve": ("samples", "barriers")}
 GOING = {"distance": ("steps",)}
 # only from an observer of disturbances
 ESTIMATED = dict.fromkeys(("disturbances", "deviations"), ("samples", "disturbances"))
-EXTRA = CERTIFIED | RIGGED | TASKED | AIMED | SURROUNDED | GOING | ESTIMATED
+EXTRA = CERTIFIED | RIGGED | DRIVEN | TASKED | AIMED | SURROUNDED | GOING | ESTIMATED
 # keys that older logs lack
 NAMES = (
     "sensor_names", "command_units", "sensor_units", "task_names", "task_units",
@@ -90,7 +92,7 @@ def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]
         raise InputError(where, f"a log of format {FORMAT}", _format(about) or "another format")
     if set(about) != names | {"format"}:
         raise InputError(where, f"entries {sorted(names)}", sorted(about))
-    groups = (SHAPES, CERTIFIED, RIGGED, TASKED, AIMED, SURROUNDED, GOING, ESTIMATED)
+    groups = (SHAPES, CERTIFIED, RIGGED, DRIVEN, TASKED, AIMED, SURROUNDED, GOING, ESTIMATED)
     whole = [group for group in groups if group is SHAPES or not {*group}.isdisjoint(arrays)]
     if {name for group in whole for name in group} != set(arrays):
         raise InputError(where, f"arrays {', '.join(SHAPES)}", ", ".join(arrays))

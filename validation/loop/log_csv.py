@@ -65,6 +65,7 @@ def csv_text(log: Log) -> str:
         ("target", axes, None if log.kind == ROLLOUT else log.y_ref),
         ("command", commands, log.command), ("acting", inputs, log.acting),
         ("measured", readings, log.measured),
+        ("stamp", [(name, "s") for name, _ in readings], log.stamps),
         ("q_seen", coordinates, log.q_seen), ("v_seen", rates, log.v_seen),
         ("estimated", estimated, log.disturbances), ("deviation", estimated, log.deviations),
         ("task", list(zip(log.task_names, log.task_units, strict=True)), log.tasks),

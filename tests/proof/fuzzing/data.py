@@ -30,7 +30,7 @@ from softdyn.files import read_toml
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.log_checks import NAMES, SHAPES
 from softdyn.validation.loop.logged_robot import LoggedRobot
-from softdyn.validation.loop.simulate import simulate
+from softdyn.validation.simulate import simulate
 from softdyn.validation.studies import sweep_file
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case

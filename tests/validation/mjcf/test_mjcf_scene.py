@@ -185,7 +185,7 @@ def test_a_plant_that_cannot_be_is_refused(finger):
 
     with pytest.raises(InputError, match="none, because the plant"):
         run_it(plant=SCENE, contacts=True)
-    with pytest.raises(InputError, match="an MJCF file"):
+    with pytest.raises(InputError, match=r"a Scene\(model, FILE\)"):
         run_it(plant=3)
     with pytest.raises(InputError, match="a scene for 'spirob', got one for 'finger'"):
         simulate(

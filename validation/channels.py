@@ -1,0 +1,89 @@
+"""A quantity that a run records: its name, its columns with their units, and its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from softdyn import SoftModel
+from softdyn.description.robot import input_units
+
+BASE = ("x", "y", "z", "qx", "qy", "qz", "qw")  # of a floating base, before the joints
+ANGLES = {"prismatic": "m", "revolute": "rad", "continuous": "rad"}
+RATES = {"rad": "rad/s", "m": "m/s", "": ""}
+
+
+@dataclass(frozen=True)
+class LogChannel:
+    """A quantity of a run.
+
+    Attributes
+    ----------
+    name : str
+        Its attribute of a log.
+    columns, units : tuple of str or None, tuple of str
+        Name and unit of each of its columns; None for one number per row, maybe with a unit.
+    text : bool
+        Whether it is text instead of numbers.
+    held : bool
+        Whether a value is held from one sample to the next, as an input is. A run of N control
+        steps has N such values, and N + 1 of any other channel.
+    title : str
+        First part of its columns' names in CSV, e.g. ``tip``; empty if CSV leaves it out.
+    """
+
+    name: str
+    columns: tuple[str, ...] | None = None
+    units: tuple[str, ...] = ()
+    held: bool = False
+    title: str = ""
+    text: bool = False
+
+    @classmethod
+    def of(
+        cls, name: str, columns: Iterable[tuple[str, str]], title: str = "", held: bool = False
+    ) -> LogChannel:
+        """A channel from the (name, unit) of its columns; `name` is its title by default."""
+        pairs = list(columns)
+        return cls(
+            name, tuple(n for n, _ in pairs), tuple(u for _, u in pairs), held, title or name
+        )
+
+    def empty(self, samples: int) -> np.ndarray:
+        """An array for a number of samples, without a value yet: NaN, or no text."""
+        rows = samples - self.held
+        if self.text:
+            return np.full(rows, "", dtype=object)
+        return np.full(rows if self.columns is None else (rows, len(self.columns)), np.nan)
+
+
+def coordinates(model: SoftModel) -> list[tuple[str, str]]:
+    """(name, unit) of every degree of freedom, in the order of v; no unit for a floating base."""
+    units = {joint.name: ANGLES[joint.kind] for joint in model.robot.moving_joints}
+    return [(name, units.get(name, "")) for name in model.joint_names]
+
+
+def rates(model: SoftModel) -> list[tuple[str, str]]:
+    """(name, unit) of every element of v."""
+    return [(name, RATES[unit]) for name, unit in coordinates(model)]
+
+
+def positions(model: SoftModel) -> list[tuple[str, str]]:
+    """(name, unit) of every element of q; a continuous joint has cosine and sine."""
+    base, joints = [], coordinates(model)
+    if model.robot.floating:
+        base = [(f"base.{name}", "m" if name in BASE[:3] else "") for name in BASE]
+        joints = joints[6:]
+    kinds = {joint.name: joint.kind for joint in model.robot.moving_joints}
+    for name, unit in joints:
+        circular = kinds.get(name) == "continuous"
+        base += [(f"{name}.cos", ""), (f"{name}.sin", "")] if circular else [(name, unit)]
+    return base
+
+
+def inputs(model: SoftModel) -> list[tuple[str, str]]:
+    """(name, unit) of every input, as a force."""
+    names = [actuator.name for actuator in model.robot.actuators]
+    return list(zip(names, input_units(model.robot), strict=True))
