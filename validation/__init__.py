@@ -3,6 +3,7 @@
 - `twin`: the MuJoCo plant, built from the URDF by its own path; MuJoCo's solver settings
 - `loop`: the loop of a controller and a plant, and its log
 - `simulate`: one closed loop in one call
+- `bench`: a real rig in place of the twin: its driver, the clock, the fail-safe; `drive`
 - `rollouts`: motions under given inputs, without a controller
 - `mjcf`: MJCF files: compared with a URDF, written, used as the plant
 - `crosschecks`: the model's terms, trajectories and equilibria against MuJoCo's

@@ -1,4 +1,5 @@
 from . import paper
+from .bench.drive import drive
 from .crosschecks.crosscheck import crosscheck
 from .live.playing import play
 from .loop.certificate import certified
@@ -24,6 +25,7 @@ __all__ = [
     "certified",
     "compare",
     "crosscheck",
+    "drive",
     "paper",
     "play",
     "rollout",

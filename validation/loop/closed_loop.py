@@ -224,6 +224,35 @@ class ClosedLoop(Separate):
                 self._record.put(self.steps, q=found[0], v=found[1])
             self._end(verdict.plant_stopped(error.time, error.reason))
 
+    def hold(self, **values: Any) -> None:
+        """Record a period without a control step: the clock is late, and the last input acts on.
+
+        Parameters
+        ----------
+        **values : Any
+            Values of this period's sample that differ from the last one's, by channel.
+        """
+        if self.done or not 0 < self.steps < self.grid.steps:
+            return
+        k = self.steps
+        self._record.repeat(k, self.reference(float(self._record.t[k])).y)
+        self._record.put(k, **values)
+        self.steps += 1
+
+    def stopped(self, reason: str) -> None:
+        """End the run early; `reason` is in its log."""
+        last = max(self._record.samples - 1, 0)
+        self.reason = f"stopped at {self._record.t[last]:.4g} s: {reason}"
+
+    def share(self, shared: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Keep the record in other arrays, such as copies in memory that processes share."""
+        self._record.share(shared)
+
+    def resume_at(self, steps: int) -> None:
+        """Go on from a record of so many control steps that another process has made."""
+        self.steps, self.done = steps, False
+        self._record.samples = steps
+
     def step(self) -> ControlStep | None:
         """Run one control period, `control` and `advance`; None if the run is over."""
         step = self.control()
@@ -281,20 +310,12 @@ class ClosedLoop(Separate):
         (not_solved, fallbacks, violation), fault = self._counts.told()
         reason = self.reason or fault
         steps = self.steps if self.done else max(self._record.samples - 1, 0)
-        recorded: dict[str, Any] = {**self._record.arrays(steps), **self.plant.settings}
-        recorded |= {"u_min": model.u_min, "u_max": model.u_max}
-        channels = self._record.channels
-        for name, prefix in (("measured", "sensor"), ("disturbances", "disturbance")):
-            if name in channels:
-                recorded[f"{prefix}_names"] = channels[name].columns
-                recorded[f"{prefix}_units"] = channels[name].units
-        if "command" in channels:
-            recorded["command_units"] = channels["command"].units
-        recorded |= self._record.task_errors(steps, controller, self.reference)
-        if self.surroundings is not None:
-            recorded["obstacles"] = self.surroundings.table
+        more, marks = self._record.of_tasks(steps, controller, self.reference)
+        channels = [*self._record.filled(steps), *more]
         return Log(
-            **recorded,
+            {channel.name: channel for channel in channels},
+            u_min=model.u_min,
+            u_max=model.u_max,
             u_unit=input_unit(model.robot),
             robot=model.bundled or model.name,
             controller=self.name,
@@ -305,7 +326,6 @@ class ClosedLoop(Separate):
             period=self.grid.period,
             timestep=self.grid.timestep,
             length=self._length if self._length > 0 else None,
-            joint_names=model.joint_names,
             complete=self._complete,
             failed=reason is not None,
             reason=reason,
@@ -317,7 +337,10 @@ class ClosedLoop(Separate):
             ),
             versions=dict(package_versions()),
             source=LoggedRobot.of(model),
+            marks=marks,
+            obstacles=None if self.surroundings is None else self.surroundings.table,
             start=self.start,
+            **self.plant.settings,
         )
 
     def _end(self, reason: str | None, complete: bool = False) -> None:
