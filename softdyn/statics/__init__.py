@@ -26,6 +26,8 @@ equilibria
     Solvers: `settle`, `balance`, `ramp`, `rest`.
 branch
     `approach`: follows a branch of equilibria until the tip is near a point.
+cable_edges
+    Joint angles at which a cable enters a round body or flips.
 friction
     Rests after a stated motion, and along a slow path, of robots whose cables rub.
 unknown_inputs

@@ -18,6 +18,7 @@ from softdyn.dynamics.mimic import build
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.text import head, joint_lines, numbers, rig_lines
 from softdyn.exceptions import SoftdynError, UrdfError
+from softdyn.statics.cable_edges import cable_edges
 from softdyn.statics.equilibria import rest
 from softdyn.statics.equilibrium import Equilibrium
 from softdyn.statics.stops import locked_inputs
@@ -49,7 +50,7 @@ class Diagnosis:
     warnings : tuple of str
         Warnings from reading the file.
     doubts : tuple of str
-        Numbers that look wrong.
+        Numbers that look wrong, and joint angles where a cable jumps.
     """
 
     model: SoftModel
@@ -293,5 +294,10 @@ def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:
         boundary,
         equilibrium,
         (*robot.warnings, *unreadable),
-        (*suspicious_values(robot), *([fast] if fast else []), *outsize),
+        (
+            *suspicious_values(robot),
+            *([fast] if fast else []),
+            *outsize,
+            *(() if held is None else cable_edges(held)),
+        ),
     )

@@ -15,10 +15,11 @@ from typing import Any, TypedDict
 import numpy as np
 import pinocchio as pin
 
-from softdyn.description.robot import Joint, Robot, Tendon, input_units, levels, poses
+from softdyn.description.robot import Joint, Robot, Tendon, Wrap, input_units, levels, poses
 from softdyn.description.task_mark import TaskMark
 from softdyn.description.visuals import BoxShape, CylinderShape, Mesh, SphereShape, Visual, visuals
 from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.wraps import body_of
 from softdyn.tasks.frames import tasks_of
 from softdyn.tasks.marks import marks_of
 from softdyn.view.skin import skins
@@ -30,6 +31,7 @@ TENSION = (
     (-1.0, (8, 48, 107)), (-0.5, (43, 123, 186)), (0.0, (150, 162, 176)), (0.5, (239, 138, 43)),
     (1.0, (150, 20, 30)),
 )  # fmt: skip
+ROUND = (0.62, 0.64, 0.68, 1.0)  # colour of pulleys and pins
 WORLD = ""  # the link of shapes around the robot
 STICK = (0.45, 0.52, 0.6, 1.0)
 
@@ -44,6 +46,8 @@ class DrawnCable:
     A cable with `slackens` is drawn slack while no input pulls it and its length is at most `rest`.
     The length is that of the polyline, or Σ coef · q over `terms`, pairs (index of q, coef). A
     winch's cable has no spring of its own, and no `rest`.
+
+    `wraps` are the round bodies between its sites; the page's script draws the arcs.
     """
 
     name: str
@@ -54,6 +58,7 @@ class DrawnCable:
     slackens: bool = False
     rest: float | None = None
     terms: tuple[tuple[int, float], ...] = ()
+    wraps: tuple[Wrap, ...] = ()
 
     def part(self, u: np.ndarray) -> float:
         """Tension over full tension, in [-1, 1], under the input u (nu,)."""
@@ -120,6 +125,7 @@ class Figure:
         shapes, problems = visuals(model.robot)
         if not shapes:
             shapes = tuple(_sticks(model.robot))
+        shapes += tuple(_round_bodies(model.robot))
         marks = marks_of(tasks_of(model)) if tasks and model.robot.tasks else ()
         return cls(model, shapes, tuple(_cables(model, shapes)), problems, marks=marks)
 
@@ -191,6 +197,7 @@ class Figure:
                 | {
                     "sites": [[links[link], *xyz.tolist()] for link, xyz in cable.sites],
                     "weights": cable.weights.tolist(),
+                    "wraps": [_wrap_data(wrap, links) for wrap in cable.wraps],
                 }
                 for cable in self.cables
             ],
@@ -300,7 +307,7 @@ def _cables(model: SoftModel, shapes: Sequence[Visual]) -> Iterator[DrawnCable]:
         limit = max(-low, high)
         if spatial:
             path = [(site.link, np.array(site.xyz)) for site in tendon.sites]
-            yield DrawnCable(tendon.name, path, weights, limit, 0, *slackness)
+            yield DrawnCable(tendon.name, path, weights, limit, 0, *slackness, tendon.wraps)
             continue
         for side in (1, -1):
             if (limit == 0 and side < 0) or (side > 0 and high <= 0 < limit) or (side < 0 <= low):
@@ -329,6 +336,32 @@ def _slackness(
         terms.append((turned["index"], term.coef * turned["gain"]))
         rest -= term.coef * turned["offset"]
     return True, rest, tuple(terms)
+
+
+def _wrap_data(wrap: Wrap, links: dict[str, int]) -> dict[str, Any]:
+    """A round body as JSON, in a frame whose z is a cylinder's axis."""
+    body, axes = body_of(wrap)
+    return {
+        "after": wrap.after,
+        "link": links[wrap.link],
+        "pose": columns(_pose(axes, np.array(wrap.xyz))),
+        "radius": body.radius,
+        "sphere": body.sphere,
+        "side": None if body.side is None else body.side.tolist(),
+        "inside": body.inside,
+    }
+
+
+def _round_bodies(robot: Robot) -> Iterator[Visual]:
+    """Pulleys and pins of cables; one with a cable inside is translucent."""
+    for tendon in robot.tendons:
+        for wrap in tendon.wraps:
+            _, axes = body_of(wrap)
+            size = 4.0 * wrap.radius if wrap.length is None else wrap.length
+            round_ = CylinderShape(wrap.radius, size)
+            shape = SphereShape(wrap.radius) if wrap.axis is None else round_
+            rgba = (*ROUND[:3], 0.3) if wrap.inside else ROUND
+            yield Visual(wrap.link, _pose(axes, np.array(wrap.xyz)), shape, rgba)
 
 
 def _sticks(robot: Robot) -> Iterator[Visual]:

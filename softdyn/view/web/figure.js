@@ -184,6 +184,81 @@ function dim(material, opacity) {
     Object.assign(material, {opacity, transparent: opacity < 1, needsUpdate: true});
 }
 
+// The points of a cable with its arcs around round bodies. Each body adds as many points at all
+// times, so that the number of rods is fixed.
+const ARC = 24, TURN = 2 * Math.PI;
+
+function withArcs(cable, home) {
+  if (!cable.wraps.length) return cable.ends;
+  const points = [];
+  cable.ends.forEach((end, i) => {
+    points.push(end);
+    const wrap = cable.wraps.find(one => one.after === i);
+    if (!wrap) return;
+    const next = cable.ends[i + 1];
+    const there = home.clone().multiply(wrap.body.matrixWorld), back = there.clone().invert();
+    const arc = arcAround(wrap, end.clone().applyMatrix4(back), next.clone().applyMatrix4(back));
+    for (let k = 0; k <= ARC; k++)
+      points.push(arc ? arc[k].applyMatrix4(there) : end.clone().lerp(next, (k + 1) / (ARC + 2)));
+  });
+  return points;
+}
+
+// The arc from a to b in a body's frame, null if the cable is straight: softdyn/dynamics/wraps.py.
+function arcAround(wrap, a, b) {
+  const r = wrap.radius, side = wrap.side && new T.Vector3(...wrap.side);
+  let x = new T.Vector3(1, 0, 0), y = new T.Vector3(0, 1, 0), z = new T.Vector3(0, 0, 1);
+  if (wrap.sphere) {
+    x = a.clone().normalize();
+    for (const other of [b, side, y, z]) {
+      if (!other) continue;
+      y = other.clone().addScaledVector(x, -other.dot(x));
+      if (y.length() > 1e-9 * other.length()) break;
+    }
+    y.normalize();
+    z = x.clone().cross(y);
+  }
+  const flat = v => [v.dot(x), v.dot(y)], cross = (p, q) => p[0] * q[1] - p[1] * q[0];
+  const p = flat(a), q = flat(b), way = [q[0] - p[0], q[1] - p[1]];
+  const ra = Math.hypot(...p), rb = Math.hypot(...q), square = way[0] ** 2 + way[1] ** 2;
+  if (Math.min(ra, rb) < r * (1 - 1e-9) || square < 1e-15) return null;
+  const share = -(way[0] * p[0] + way[1] * p[1]) / square;
+  const meets = share > 0 && share < 1 && Math.hypot(p[0] + share * way[0], p[1] + share * way[1]) <= r;
+  const from = Math.atan2(p[1], p[0]), to = Math.atan2(q[1], q[0]);
+  let sense = cross(p, q) >= 0 ? 1 : -1, first, turn, before, length;
+  if (wrap.inside) {
+    if (meets) return null;
+    const span = ((sense * (to - from)) % TURN + TURN) % TURN;
+    const of = s => Math.hypot(p[0] - r * Math.cos(from + sense * s), p[1] - r * Math.sin(from + sense * s))
+      + Math.hypot(q[0] - r * Math.cos(from + sense * s), q[1] - r * Math.sin(from + sense * s));
+    let low = 0, high = span;
+    for (let k = 0; k < 60; k++) {
+      const one = low + (high - low) / 3, two = high - (high - low) / 3;
+      if (of(one) < of(two)) high = two; else low = one;
+    }
+    first = from + sense * low;
+    turn = 0;
+    before = Math.hypot(p[0] - r * Math.cos(first), p[1] - r * Math.sin(first));
+    length = of(low);
+  } else {
+    const s = side && flat(side);
+    const far = s && cross(s, p) * sense > 0 && cross(q, s) * sense > 0;
+    if (far) sense = -sense;
+    else if (!meets) return null;
+    const [one, two] = [Math.acos(Math.min(r / ra, 1)), Math.acos(Math.min(r / rb, 1))];
+    turn = ((sense * (to - from) - one - two) % TURN + TURN) % TURN;
+    first = from + sense * one;
+    before = r * Math.tan(one);
+    length = before + r * turn + r * Math.tan(two);
+  }
+  return Array.from({length: ARC + 1}, (_, k) => {
+    const angle = first + sense * turn * k / ARC;
+    const point = x.clone().multiplyScalar(r * Math.cos(angle)).addScaledVector(y, r * Math.sin(angle));
+    if (!wrap.sphere) point.z = a.z + (b.z - a.z) * (before + r * turn * k / ARC) / length;
+    return point;
+  });
+}
+
 // A robot: a tree of groups that the joints move.
 class Figure {
   constructor(data, look) {
@@ -240,13 +315,21 @@ class Figure {
       // the part inside the body shines through
       const hidden = new T.MeshBasicMaterial({depthFunc: T.GreaterDepth, depthWrite: false,
         transparent: true, opacity: 0.45});
+      const wraps = (cable.wraps || []).map(wrap => {
+        const body = new T.Object3D();
+        body.matrixAutoUpdate = false;
+        body.matrix.fromArray(wrap.pose);
+        this.links[wrap.link].add(body);
+        return {...wrap, body};
+      });
+      const pieces = sites.length - 1 + wraps.length * (ARC + 1);
       const rods = [[ROD, material], [TUBE, hidden]]
-        .map(([form, one]) => new T.InstancedMesh(form, one, sites.length - 1));
+        .map(([form, one]) => new T.InstancedMesh(form, one, pieces));
       rods[1].instanceMatrix = rods[0].instanceMatrix;
       rods[1].renderOrder = 1;
       rods.forEach(rod => { rod.frustumCulled = false; this.object.add(rod); });
-      return {...cable, limit, material, hidden, sites, rods, radius,
-        points: sites.map(() => new T.Vector3())};
+      return {...cable, limit, material, hidden, sites, wraps, rods, radius,
+        ends: sites.map(() => new T.Vector3())};
     });
     this.pose(new Array(data.dof).fill(0), new Array(data.inputs.length).fill(0));
   }
@@ -266,7 +349,8 @@ class Figure {
     const home = this.object.matrixWorld.clone().invert();
     for (const cable of this.cables) {
       cable.sites.forEach((site, i) =>
-        cable.points[i].setFromMatrixPosition(site.matrixWorld).applyMatrix4(home));
+        cable.ends[i].setFromMatrixPosition(site.matrixWorld).applyMatrix4(home));
+      cable.points = withArcs(cable, home);
       let pull = cable.weights.reduce((sum, weight, i) => sum + weight * u[i], 0);
       if (cable.side) pull = cable.side * Math.max(0, cable.side * pull);
       const part = cable.limit > 0 ? scaled(pull / cable.limit) : 0;
@@ -275,7 +359,7 @@ class Figure {
       cable.hidden.opacity = slack ? 0.25 : 0.45;
       cable.material.color.setRGB(...shade(part));
       cable.hidden.color.copy(cable.material.color);
-      cable.sites.slice(1).forEach((_, i) => {
+      cable.points.slice(1).forEach((_, i) => {
         lay(LAID, cable.points[i], cable.points[i + 1],
           cable.radius * (slack ? 0.4 : 0.75 + 0.5 * Math.abs(part)));
         LAID.updateMatrix();

@@ -1,0 +1,56 @@
+"""`check` names the joint angles where a site enters a round body or a cable flips."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+from softdyn.loading import load_text
+from softdyn.statics.cable_edges import cable_edges
+
+# a cable from the base over a pin at the hinge to a crank
+CRANK = """\
+<robot name="crank"><link name="base"/>
+  <link name="arm"><inertial><mass value="1"/>
+    <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/>
+    <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+  <softdyn version="1"><tendon name="cable"><site link="base" xyz="-0.1 0 0.02"/>
+    <cylinder link="base" xyz="0 0 0" axis="0 1 0" radius="0.03"/>
+    <site link="arm" xyz="0.1 0 0.02"/></tendon></softdyn>
+</robot>"""
+
+
+def edges(text: str) -> list[tuple[str, float]]:
+    found = cable_edges(load_text(text, path=Path("crank.urdf")))
+    lines = [line for line in found if line.startswith("tendon 'cable'")]
+    return [(line.split("the")[0], float(re.findall(r"= ([-.\d]+)", line)[0])) for line in lines]
+
+
+def test_a_cable_without_a_side_flips() -> None:
+    """Where both sites and the axis are in one line: half a turn less both elevations."""
+    (found,) = edges(CRANK)
+    assert "flips" in found[0]
+    assert found[1] == pytest.approx(2 * math.atan2(0.02, 0.1), abs=2e-3)
+
+
+def test_a_site_enters_the_body() -> None:
+    """The cylinder is 0.12 m above the hinge; the crank carries its site into it."""
+    near = CRANK.replace('xyz="0 0 0" axis', 'xyz="0 0 0.1" axis')
+    lines = edges(near.replace("-0.1 0 0.02", "-0.1 0 0.1"))
+    (found,) = [line for line in lines if "site inside" in line[0]]
+    # |R(q) (0.1, 0.02) - (0, 0.1)| = 0.03
+    reach, rises = math.hypot(0.1, 0.02), math.atan2(0.02, 0.1)
+    cosine = (reach**2 + 0.01 - 0.03**2) / (2 * 0.1 * reach)
+    assert found[1] == pytest.approx(-(math.pi / 2 - rises - math.acos(cosine)), abs=2e-3)
+
+
+def test_smooth_cables_have_no_line() -> None:
+    assert not edges(
+        CRANK.replace('radius="0.03"', 'radius="0.03" side="0 0 0.05"').replace(
+            'lower="-2" upper="2"', 'lower="-1" upper="1"'
+        )
+    )
