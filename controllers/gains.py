@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, SoftModel
-from softdyn.checks import table_of
 from softdyn.dynamics.model import check_model
 from softdyn.exceptions import one_line
+from softdyn.toml_table import TomlTable
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def from_table(
         For an unknown field, a number out of range, or a missing `Kp` that is not published.
     """
     names = [field.name for field in fields(Gains)]
-    table = table_of("gains", table, [*names, *options])
+    table = TomlTable(table, "gains").rest([*names, *options])
     published = PUBLISHED.get(model.bundled or "", {}).get(controller)
     if published is not None:
         return replace(published, **table)

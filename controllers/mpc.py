@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from softdyn import Reference, SetPoint, SoftModel, State
-from softdyn.checks import number, table_of, vector
+from softdyn.checks import number, vector
 from softdyn.controllers.controller import (
     SILENT,
     Command,
@@ -43,6 +43,7 @@ from softdyn.controllers.qps.qp import DenseQp, QpProblem
 from softdyn.dynamics.derivatives import tangent_dynamics
 from softdyn.dynamics.model import check_model
 from softdyn.tasks.task import Task
+from softdyn.toml_table import TomlTable
 
 KNOTS = (1, 3, 6, 12, 30)  # unknown inputs at the ends of these steps; the last is the horizon
 DEFAULT_PERIOD = 0.002  # s
@@ -91,8 +92,7 @@ def resolve_parameters(given: MpcParameters | Mapping[str, Any] | None) -> MpcPa
     """
     if isinstance(given, MpcParameters):
         return given
-    names = [field.name for field in fields(MpcParameters)]
-    return MpcParameters(**table_of("parameters", {} if given is None else given, names))
+    return TomlTable({} if given is None else given, "parameters").make(MpcParameters)
 
 
 class Mpc(GuardedController):

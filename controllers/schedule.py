@@ -8,18 +8,19 @@ search found them once (CMA-ES, on other targets than the paper's).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from softdyn import SoftModel
-from softdyn.checks import number, table_of
+from softdyn.checks import number
 from softdyn.controllers.gains import Gains
 from softdyn.dynamics.model import check_model
+from softdyn.exceptions import errors_in
 from softdyn.files import read_toml
+from softdyn.toml_table import TomlTable
 
 FOLDER = Path(__file__).parent / "schedules"
-OWN = ("horizon", "u_ref")  # keys of a stage's table, besides the gains
 
 
 @dataclass(frozen=True)
@@ -79,10 +80,8 @@ def make_schedule(table: Mapping[str, Any]) -> Schedule:
     InputError
         For tables or numbers that are missing, unknown or out of range.
     """
-    names = [field.name for field in fields(Schedule)]
-    found = table_of("gains", table, names, names)
-    stages = {name: _stage(name, found[name]) for name in names[:2]}
-    return Schedule(**{**found, **stages})
+    read = TomlTable(table, "gains")
+    return read.make(Schedule, **{one: _stage(read.needed(one)) for one in ("approach", "stay")})
 
 
 def tuned(model: SoftModel) -> Schedule | None:
@@ -91,8 +90,7 @@ def tuned(model: SoftModel) -> Schedule | None:
     return make_schedule(read_toml(file)) if file.is_file() else None
 
 
-def _stage(name: str, table: Any) -> Stage:
-    allowed = [*(field.name for field in fields(Gains)), *OWN]
-    gains = table_of(name, table, allowed, ("Kp",))
-    own = {key: gains.pop(key) for key in OWN if key in gains}
-    return Stage(Gains(**gains), **own)
+def _stage(table: TomlTable) -> Stage:
+    own = {key: table.number(key, default=0.0) for key in ("horizon", "u_ref")}
+    with errors_in(table.where):
+        return Stage(table.make(Gains), **own)

@@ -140,13 +140,10 @@ def engines(
 
 def read_map(path: str) -> dict[str, str]:
     """Pairs of joints from a TOML file."""
-    from softdyn import InputError
+    from softdyn.toml_table import TomlTable
 
-    table = cli.read_toml(path)
-    for joint, other in table.items():
-        if not isinstance(other, str):
-            raise InputError(path, "lines joint = joint", f"{joint} = {other!r}")
-    return table
+    table = TomlTable.read(path)
+    return {joint: table.text(joint) for joint in table.values}
 
 
 main = cli.program(parser, command, __name__)

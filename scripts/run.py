@@ -145,6 +145,7 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn import Reference
     from softdyn.controllers.registry import one_line_errors
     from softdyn.validation import paper
+    from softdyn.validation.loop.arguments import RunOptions
     from softdyn.validation.loop.closed_loop import ClosedLoop
 
     model = cli.load_robot(arguments)
@@ -176,26 +177,14 @@ def command(arguments: cli.Arguments) -> int:
         from softdyn.validation.loop.certificate import TrueRate, certified
 
         TrueRate(controller)  # it may refuse the controller
-    rig, observer, shown = make_rig(arguments.rig, model), None, None
-    if arguments.observer is not None:
-        from softdyn.validation.loop.observation import make_observer
-
-        observer = make_observer(model, rig, arguments.observer)
+    shown = None
+    options = RunOptions(
+        duration=arguments.duration, period=arguments.period, q0=arguments.q0,
+        contacts=arguments.contacts, plant=plant, rig=make_rig(arguments.rig, model),
+        observer=arguments.observer, surroundings=around, name=arguments.controller,
+    )  # fmt: skip
     with one_line_errors(arguments.controller, "a command"), cli.saved_in_errors(arguments.log):
-        loop = ClosedLoop(
-            model,
-            controller,
-            experiment,
-            duration=arguments.duration,
-            period=arguments.period,
-            q0=arguments.q0,
-            contacts=arguments.contacts,
-            plant=plant,
-            rig=rig,
-            observer=observer,
-            surroundings=around,
-            name=arguments.controller,
-        )
+        loop = ClosedLoop(model, controller, experiment, options)
         if arguments.view:
             log, shown = watch(loop, plant, arguments)
         else:
@@ -217,8 +206,8 @@ def command(arguments: cli.Arguments) -> int:
             line, report["nearest_rest"] = nearest_to_tasks(loop, log, arguments.tolerance)
         text = f"{text}\n{line}".rstrip()
     text = "\n".join(filter(None, [cli.best_note(model, log.controller, arguments.gains), text]))
-    if observer is not None:
-        line, report["process_noise"] = unmodelled(observer)
+    if loop.loop.observation is not None:
+        line, report["process_noise"] = unmodelled(loop.loop.observation.observer)
         text = f"{text}\n{line}".rstrip()
     if plant is not None:
         report["plant"] = plant.to_dict()
@@ -296,10 +285,9 @@ def nearest_to_tasks(
     here = SimpleNamespace(t=[end], q=[rest.q], v=[np.zeros(model.nv)])
     errors = np.hstack([*errors_along(model, tasks, here, loop.reference).values()])
     within = log.verdict(tolerance).tolerance
-    missed = judged.missed_tasks(
-        log.task_names, log.task_units, errors.tolist(), within, log.length
-    )
-    figures = judged.task_figures(log.task_names, log.task_units, errors[None])
+    each = log.columns("tasks")
+    missed = judged.missed_tasks(each, errors.tolist(), within, log.length)
+    figures = judged.task_figures(each, errors[None])
     by_task = {name: {"error": one["last"], "unit": one["unit"]} for name, one in figures.items()}
     said = ", ".join(f"{name} {x['error']:.3f} {x['unit']}" for name, x in by_task.items())
     reach = "they may be out of reach" if missed else "they are within reach"
@@ -358,7 +346,7 @@ def make_rig(said: str | None, model: SoftModel) -> Any:
 
     if said in (None, FROM_FILE):
         return said
-    rig = Rig.of(cli.read_toml(said))
+    rig = Rig.of(cli.read_toml(said), said)
     robot = rig.robot(model.robot)
     missing = cli.lacks(robot)
     wound = any(actuator.is_winch for actuator in robot.actuators)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import cache
 from numbers import Integral, Real
@@ -24,28 +24,6 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     lowered = {one.lower(): one for one in known}
     found = difflib.get_close_matches(name.lower(), lowered, 1)
     return f"{name!r}; did you mean {lowered[found[0]]!r}?" if found else repr(name)
-
-
-def table_of(
-    name: str, value: Any, known: Collection[str], required: Collection[str] = ()
-) -> dict[str, Any]:
-    """`value` as a new dictionary, if it is a table with known keys and all the required ones.
-
-    Raises
-    ------
-    InputError
-        For anything else; about an unknown key it says the most similar known one.
-    """
-    if not isinstance(value, Mapping):
-        raise InputError(name, f"a table with any of {', '.join(known)}", repr(value))
-    for key in value:
-        if key not in known:
-            raise InputError(name, f"any of {', '.join(known)}", did_you_mean(str(key), known))
-    for key in required:
-        if key not in value:
-            got = ", ".join(value) or "nothing"
-            raise InputError(name, f"a table with {', '.join(required)}", got)
-    return dict(value)
 
 
 def in_degrees(angle: float, low: float, high: float) -> bool:

@@ -27,6 +27,7 @@ from softdyn.description.robot import (
     Robot,
     Site,
     Tendon,
+    Wrap,
     moving_link_of,
     poses,
 )
@@ -37,6 +38,9 @@ BLOCK, VERSION = "softdyn", "1"
 TENDON = ("stiffness", "damping", "rest", "slack", "friction", "driven")
 ENDS = tuple(end.value for end in PathEnd)
 COINCIDENT = 1e-9  # metres between two sites that count as one point
+WRAPS = ("cylinder", "sphere")
+ON_RADIUS = 1e-9  # share of a radius by which a site on the surface may lie inside by rounding
+IN_LINE = 1e-9  # sine of an angle that counts as zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,10 +141,10 @@ def _compliance(element: Element, joints: dict[str, Joint]) -> Joint:
 
 
 def _tendon(element: Element, links: dict[str, Link], joints: dict[str, Joint]) -> Tendon:
-    element.allow("name", *TENDON, children=("joint", "site"))
+    element.allow("name", *TENDON, children=("joint", "site", *WRAPS))
     terms = element.unique("joint", lambda part: _term(part, joints))
-    sites = tuple(_site(part, links) for part in element.children("site"))
-    if terms and sites:
+    sites, wraps = _path(element, links)
+    if terms and (sites or wraps):
         raise element.error("a path of <joint> or of <site> elements", "both")
     if not terms and not sites:
         raise element.error("at least one <joint> or two <site> elements", "an empty tendon")
@@ -156,10 +160,11 @@ def _tendon(element: Element, links: dict[str, Link], joints: dict[str, Joint]) 
         element.flag("slack"),
         element.non_negative("friction"),
         None if element.node.get("driven") is None else PathEnd(element.choice("driven", ENDS)),
+        wraps,
     )
     if tendon.friction > MOST_FRICTION:
         raise element.error(f"friction <= {MOST_FRICTION:g}", tendon.friction)
-    if tendon.driven is not None and not tendon.friction:
+    if tendon.driven is not None and not tendon.rubs:
         raise element.error("friction > 0 beside driven", tendon.friction)
     if tendon.slack and tendon.stiffness == 0:
         raise element.error("stiffness > 0 of a slack tendon", tendon.stiffness)
@@ -182,6 +187,46 @@ def _term(element: Element, joints: dict[str, Joint]) -> JointTerm:
 def _site(element: Element, links: dict[str, Link]) -> Site:
     element.allow("link", "xyz")
     return Site(element.one_of("link", links, A_LINK), element.vector("xyz"))
+
+
+def _path(element: Element, links: dict[str, Link]) -> tuple[tuple[Site, ...], tuple[Wrap, ...]]:
+    """The sites of a path, and the round bodies between them."""
+    sites: list[Site] = []
+    wraps: list[Wrap] = []
+    between = "a <site> before and behind it"
+    last: Element | None = None  # the round body that has no site behind it yet
+    for part in element.children():
+        if part.tag == "site":
+            sites.append(_site(part, links))
+            last = None
+        elif part.tag in WRAPS:
+            wraps.append(_wrap(part, links, len(sites) - 1))
+            if last is not None:
+                raise part.error(between, f"<{last.tag}> before it")
+            if not sites:
+                raise part.error(between, "none before it")
+            last = part
+    if last is not None:
+        raise last.error(between, "none behind it")
+    return tuple(sites), tuple(wraps)
+
+
+def _wrap(element: Element, links: dict[str, Link], after: int) -> Wrap:
+    own = ("axis", "length") if element.tag == "cylinder" else ()
+    element.allow("link", "xyz", "radius", "side", "friction", *own)
+    numbers = {name: element.number(name) for name in ("radius", "length", "friction")
+               if name == "radius" or element.node.get(name) is not None}  # fmt: skip
+    for name in ("radius", "length"):
+        if not numbers.get(name, 1.0) > 0:
+            raise element.error(f"{name} > 0", numbers[name])
+    if not 0 <= numbers.get("friction", 0.0) <= MOST_FRICTION:
+        raise element.error(f"friction from 0 to {MOST_FRICTION:g}", numbers["friction"])
+    axis = element.vector("axis") if element.tag == "cylinder" else None
+    if axis is not None and not any(axis):
+        raise element.error("an axis that is not zero", "0 0 0")
+    side = None if element.node.get("side") is None else element.vector("side")
+    link = element.one_of("link", links, A_LINK)
+    return Wrap(link, element.vector("xyz"), after=after, axis=axis, side=side, **numbers)
 
 
 def check_placement(block: Element, robot: Robot) -> None:
@@ -212,7 +257,39 @@ def _check_paths(block: Element, robot: Robot) -> None:
         for a, b in pairwise(tendon.sites):
             ends = [placed[s.link][0] @ s.xyz + placed[s.link][1] for s in (a, b)]
             at_one = np.linalg.norm(ends[1] - ends[0]) < COINCIDENT
-            if at_one and (a.link != b.link or tendon.friction > 0):
+            if at_one and (a.link != b.link or tendon.rubs):
                 where = "with friction" if a.link == b.link else "on different links"
                 got = f"sites of {a.link!r} and {b.link!r} at the same point"
                 raise element.error(f"consecutive sites {where} apart at q = 0", got)
+        parts = (part for part in element.children() if part.tag in WRAPS)
+        for part, wrap in zip(parts, tendon.wraps, strict=True):
+            _check_wrap(part, wrap, tendon, placed)
+
+
+def _check_wrap(
+    element: Element,
+    wrap: Wrap,
+    tendon: Tendon,
+    placed: dict[str, tuple[np.ndarray, np.ndarray]],
+) -> None:
+    """Refuse a site inside the body at q = 0, and a cable that could run on either side."""
+    rotation, translation = placed[wrap.link]
+    across = []
+    for site in tendon.sites[wrap.after : wrap.after + 2]:
+        point = placed[site.link][0] @ site.xyz + placed[site.link][1]
+        across.append(wrap.across(rotation.T @ (point - translation)))
+        distance = float(np.linalg.norm(across[-1]))
+        if distance < wrap.radius * (1.0 - ON_RADIUS):
+            got = f"the site of {site.link!r} at {distance:g} m"
+            raise element.error(f"sites at least {wrap.radius:g} m from it at q = 0", got)
+    a, b = (one / np.linalg.norm(one) for one in across)
+    opposite = np.linalg.norm(np.cross(a, b)) < IN_LINE and a @ b < 0
+    centre = "its centre" if wrap.axis is None else "its axis"
+    if wrap.side is None:
+        if opposite:
+            raise element.error('side="…"', f"two sites and {centre} in one line, and no side")
+        return
+    side = wrap.across(wrap.side)
+    beside = np.linalg.norm(np.cross(a, side)) >= IN_LINE * wrap.radius
+    if opposite and not wrap.inside and not beside:
+        raise element.error(f"a side beside the line of the sites through {centre}", "one on it")

@@ -118,6 +118,65 @@ class Site:
     xyz: Vector
 
 
+@dataclass(frozen=True)
+class Wrap:
+    """A round body that a spatial tendon's path may touch between two of its sites.
+
+    It is a cylinder about `axis`, or a sphere if that is None. The cylinder has no ends for the
+    cable. `side` is a point of the link. Outside the body it decides on which side the cable runs;
+    inside the body it makes the cable run inside: see `softdyn.dynamics.wraps`.
+
+    Attributes
+    ----------
+    link : str
+        The link that carries the body.
+    xyz : tuple of float
+        Its centre in the frame of `link` (m).
+    radius : float
+        Its radius (m).
+    after : int
+        Index of the site before it: the body lies between ``sites[after]`` and the next.
+    axis : tuple of float or None
+        The axis of a cylinder in the frame of `link`, of any length.
+    side : tuple of float or None
+        The side point in the frame of `link` (m).
+    friction : float or None
+        The cable's coefficient of friction here; None takes the tendon's.
+    length : float or None
+        Length of a cylinder, for drawing and export only; None is four radii.
+    """
+
+    link: str
+    xyz: Vector
+    radius: float
+    after: int
+    axis: Vector | None = None
+    side: Vector | None = None
+    friction: float | None = None
+    length: float | None = None
+
+    @property
+    def direction(self) -> np.ndarray:
+        """Unit vector (3,) of a cylinder's axis in the link's frame; that of z for a sphere."""
+        axis = np.array((0.0, 0.0, 1.0) if self.axis is None else self.axis)
+        return axis / np.linalg.norm(axis)
+
+    def across(self, point: np.ndarray) -> np.ndarray:
+        """The vector (3,) from the centre to a point in the link's frame, normal to the axis.
+
+        For a sphere it is the whole vector.
+        """
+        offset = np.asarray(point, float) - self.xyz
+        if self.axis is None:
+            return offset
+        return offset - (offset @ self.direction) * self.direction
+
+    @property
+    def inside(self) -> bool:
+        """Whether the side point lies inside the body."""
+        return self.side is not None and float(np.linalg.norm(self.across(self.side))) < self.radius
+
+
 class PathEnd(Enum):
     """An end of a tendon's path, in the file's order."""
 
@@ -128,6 +187,8 @@ class PathEnd(Enum):
 @dataclass(frozen=True)
 class Tendon:
     """A cable or coupling: fixed (`terms`) or spatial (`sites`), never both.
+
+    Between two sites a spatial tendon may run around one of its `wraps`.
 
     The force ``stiffness · (ℓ - rest) + damping · ℓ̇`` pulls or pushes. If `rest` is None, the
     length at q = 0 is used. With `slack` the tendon only pulls, and a negative force is zero.
@@ -146,6 +207,25 @@ class Tendon:
     slack: bool = False
     friction: float = 0.0
     driven: PathEnd | None = None
+    wraps: tuple[Wrap, ...] = ()
+
+    @property
+    def path(self) -> tuple[JointTerm | Site | Wrap, ...]:
+        """All elements of the path, in the file's order."""
+        between = {wrap.after: wrap for wrap in self.wraps}
+        found: list[JointTerm | Site | Wrap] = [*self.terms]
+        for k, site in enumerate(self.sites):
+            found += [site, between[k]] if k in between else [site]
+        return tuple(found)
+
+    def friction_at(self, wrap: Wrap) -> float:
+        """The coefficient of friction at one of its wraps."""
+        return self.friction if wrap.friction is None else wrap.friction
+
+    @property
+    def rubs(self) -> bool:
+        """Whether the cable rubs somewhere."""
+        return self.friction > 0 or any(self.friction_at(wrap) > 0 for wrap in self.wraps)
 
 
 @dataclass(frozen=True)
@@ -258,6 +338,9 @@ class Robot:
             parts += (rubbing,)
         if self.tasks:
             parts += (self.tasks,)
+        wraps = [(tendon.name, tendon.wraps) for tendon in self.tendons if tendon.wraps]
+        if wraps:
+            parts += (wraps,)
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
     @property
@@ -344,17 +427,18 @@ def moving_bodies(robot: Robot) -> dict[str, Inertia]:
     return bodies
 
 
-def from_driven_end(robot: Robot, tendon: Tendon) -> tuple[JointTerm, ...] | tuple[Site, ...]:
+def from_driven_end(robot: Robot, tendon: Tendon) -> tuple[JointTerm | Site | Wrap, ...]:
     """The elements of a tendon's path, from its driven end to the other.
 
     If the file does not name the driven end, it is the one with fewer moving joints between it and
     the root; of equals, the first.
     """
-    path = tendon.terms or tendon.sites
+    path = tendon.path
     end = tendon.driven
     if end is None:
         link_of = {joint.name: joint.child for joint in robot.joints}
-        links = (e.link if isinstance(e, Site) else link_of[e.joint] for e in (path[0], path[-1]))
+        ends = (path[0], path[-1])
+        links = (link_of[e.joint] if isinstance(e, JointTerm) else e.link for e in ends)
         first, last = (sum(joint.moves for joint in robot.chain(link)) for link in links)
         end = PathEnd.LAST if last < first else PathEnd.FIRST
     return path if end is PathEnd.FIRST else path[::-1]

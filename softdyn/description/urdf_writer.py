@@ -16,7 +16,7 @@ from softdyn.description.annotations import BLOCK, VERSION
 from softdyn.description.inertia import MOMENTS
 from softdyn.description.origins import VERSIONS
 from softdyn.description.rig import Actuator, Sensor
-from softdyn.description.robot import Joint, Link, Origin, Robot
+from softdyn.description.robot import Joint, JointTerm, Link, Origin, Robot, Site, Wrap
 from softdyn.description.stated_task import StatedTask
 
 
@@ -125,8 +125,7 @@ def _block(robot: Robot) -> list[str]:
     """The ``<softdyn>`` block: armatures, tendons, the rig, the tasks."""
     lines = [tag("joint", name=j.name, armature=j.armature) for j in robot.joints if j.armature]
     for tendon in robot.tendons:
-        path = [tag("joint", name=term.joint, coef=term.coef) for term in tendon.terms]
-        path += [tag("site", link=site.link, xyz=site.xyz) for site in tendon.sites]
+        path = [_path_element(part) for part in tendon.path]
         springs = {"stiffness": tendon.stiffness or None, "damping": tendon.damping or None}
         rest = {"rest": tendon.rest, "slack": "true" if tendon.slack else None}
         driven = None if tendon.driven is None else tendon.driven.value
@@ -139,6 +138,19 @@ def _block(robot: Robot) -> list[str]:
     elif robot.task:
         lines.append(tag("task", frame=robot.task))
     return _nested(BLOCK, lines, version=VERSION)
+
+
+def _path_element(part: JointTerm | Site | Wrap) -> str:
+    """An element of a tendon's path."""
+    if isinstance(part, JointTerm):
+        return tag("joint", name=part.joint, coef=part.coef)
+    if isinstance(part, Site):
+        return tag("site", link=part.link, xyz=part.xyz)
+    name = "sphere" if part.axis is None else "cylinder"
+    return tag(
+        name, link=part.link, xyz=part.xyz, axis=part.axis, radius=part.radius, side=part.side,
+        friction=part.friction, length=part.length,
+    )  # fmt: skip
 
 
 def _task(task: StatedTask) -> dict[str, object]:

@@ -26,8 +26,8 @@ from softdyn.design.rods import (
     Section,
     starts,
 )  # fmt: skip
-from softdyn.design.units import TomlTable
 from softdyn.exceptions import InputError, UrdfError, errors_in
+from softdyn.toml_table import TomlTable
 
 ROUTINGS = {"channel": False, "discs": True}
 """Whether a cable runs straight from disc to disc."""
@@ -99,9 +99,9 @@ def read_mount(table: TomlTable | None) -> Mount:
         mount = Mount(
             table.vector("position", "length", (0.0, 0.0, 0.0)),
             table.vector("direction", "none", (0.0, 0.0, -1.0)),
-            table.quantity("roll", "angle", 0.0),
+            table.number("roll", "angle", 0.0),
         )
-    table.finish()
+    table.rest()
     return mount
 
 
@@ -110,11 +110,11 @@ def _material(table: TomlTable | None, default: Material | None) -> Material | N
         return default
     with errors_in(table.where):
         material = Material(
-            table.quantity("youngs_modulus", "modulus"),
-            table.quantity("poissons_ratio", "none", 0.49),
-            table.quantity("density", "density", 1070.0),
+            table.number("youngs_modulus", "modulus"),
+            table.number("poissons_ratio", "none", 0.49),
+            table.number("density", "density", 1070.0),
         )
-    table.finish()
+    table.rest()
     return material
 
 
@@ -129,11 +129,11 @@ def _section(table: TomlTable, k: int, material: Material | None) -> Section:
     if rest is not None:
         for name, freedom in FREEDOMS.items():
             kind = "curvature" if freedom.turns else "none"
-            strains[name] = rest.quantity(name, kind, 0.0)
-        rest.finish()
+            strains[name] = rest.number(name, kind, 0.0)
+        rest.rest()
     with errors_in(table.where):
         section = Section(
-            length=table.quantity("length", "length"),
+            length=table.number("length", "length"),
             radius=table.profile("radius", "length"),
             material=own,
             segments=table.count("segments", 10),
@@ -141,14 +141,14 @@ def _section(table: TomlTable, k: int, material: Material | None) -> Section:
             inner_radius=table.profile("inner_radius", "length", 0.0),
             bending_stiffness=table.profile("bending_stiffness", "rigidity", None),
             torsional_stiffness=table.profile("torsional_stiffness", "rigidity", None),
-            mass=table.quantity("mass", "mass", None),
+            mass=table.number("mass", "mass", None),
             rest=strains,
             discs=table.count("discs", 0, 0),
             disc=_plate(table.table("disc"), own),
             plate=_plate(table.table("plate"), own),
             name=table.text("name", f"section_{k}"),
         )
-    table.finish()
+    table.rest()
     return section
 
 
@@ -156,12 +156,12 @@ def _plate(table: TomlTable | None, material: Material) -> Plate | None:
     """A plate with a measured mass, or with a density, by default the section's."""
     if table is None:
         return None
-    radius, thickness = (table.quantity(name, "length") for name in ("radius", "thickness"))
-    density = table.quantity("density", "density", material.density)
-    mass = table.quantity("mass", "mass", density * math.pi * radius * radius * thickness)
+    radius, thickness = (table.number(name, "length") for name in ("radius", "thickness"))
+    density = table.number("density", "density", material.density)
+    mass = table.number("mass", "mass", density * math.pi * radius * radius * thickness)
     with errors_in(table.where):
         plate = Plate(radius, thickness, mass)
-    table.finish()
+    table.rest()
     return plate
 
 
@@ -170,11 +170,11 @@ def _damping(table: TomlTable | None) -> Damping:
         return Damping(ratio=0.1)
     with errors_in(table.where):
         damping = Damping(
-            table.quantity("ratio", "none", None),
-            table.quantity("time_constant", "time", None),
-            table.quantity("viscosity", "viscosity", None),
+            table.number("ratio", "none", None),
+            table.number("time_constant", "time", None),
+            table.number("viscosity", "viscosity", None),
         )
-    table.finish()
+    table.rest()
     return damping
 
 
@@ -183,31 +183,31 @@ def _payload(table: TomlTable | None) -> Payload | None:
         return None
     with errors_in(table.where):
         payload = Payload(
-            table.quantity("mass", "mass"),
-            table.quantity("radius", "length"),
-            table.quantity("ahead", "length", 0.0),
+            table.number("mass", "mass"),
+            table.number("radius", "length"),
+            table.number("ahead", "length", 0.0),
         )
-    table.finish()
+    table.rest()
     return payload
 
 
 def _cables(table: TomlTable, k: int, sections: list[str]) -> list[Cable]:
     """The `count` cables of one table, evenly spaced around the axis."""
     count = table.count("count", 1)
-    name, first = table.text("name", f"cable_{k}"), table.quantity("angle", "angle", 0.0)
+    name, first = table.text("name", f"cable_{k}"), table.number("angle", "angle", 0.0)
     places = {section: index for index, section in enumerate(sections)}
     common: dict[str, Any] = {
         "offset": table.profile("offset", "length"),
         "straight": table.choice("routing", ROUTINGS),
-        "max_tension": table.quantity("max_tension", "force"),
+        "max_tension": table.number("max_tension", "force"),
         "start": table.choice("from", places, sections[0]),
         "end": table.choice("to", places, sections[-1]),
-        "turns": table.quantity("turns", "none", 0.0),
-        "stiffness": table.quantity("stiffness", "cable stiffness", 0.0),
-        "damping": table.quantity("damping", "cable damping", 0.0),
-        "rest": table.quantity("rest", "length", None),
+        "turns": table.number("turns", "none", 0.0),
+        "stiffness": table.number("stiffness", "cable stiffness", 0.0),
+        "damping": table.number("damping", "cable damping", 0.0),
+        "rest": table.number("rest", "length", None),
         "slack": table.flag("slack"),
-        "friction": table.quantity("friction", "none", 0.0),
+        "friction": table.number("friction", "none", 0.0),
     }
     with errors_in(table.where):
         found = [
@@ -218,7 +218,7 @@ def _cables(table: TomlTable, k: int, sections: list[str]) -> list[Cable]:
             )
             for i in range(count)
         ]
-    table.finish()
+    table.rest()
     return found
 
 
@@ -267,15 +267,15 @@ def _motor(table: TomlTable, groups: Mapping[str, tuple[str, ...]]) -> CableMoto
         motor = CableMotor(
             _named_cables(table, groups),
             command,
-            table.quantity("stiffness", "cable stiffness", 0.0),
-            table.quantity("damping", "cable damping", 0.0),
-            table.quantity("length_lower", "length", -math.inf),
-            table.quantity("length_upper", "length", math.inf),
-            table.quantity("lag", "time", 0.0),
-            table.quantity("rate", RATES[command], math.inf),
-            table.quantity("delay", "time", 0.0),
+            table.number("stiffness", "cable stiffness", 0.0),
+            table.number("damping", "cable damping", 0.0),
+            table.number("length_lower", "length", -math.inf),
+            table.number("length_upper", "length", math.inf),
+            table.number("lag", "time", 0.0),
+            table.number("rate", RATES[command], math.inf),
+            table.number("delay", "time", 0.0),
         )
-    table.finish()
+    table.rest()
     return motor
 
 
@@ -316,11 +316,11 @@ def _sensor(
     with errors_in(table.where):
         reading = Sensor(
             table.text("name", f"{kind.value}_{k}"), kind, joint=joint, **frame, **errors,
-            rate=table.quantity("rate", "frequency", 0.0),
-            latency=table.quantity("latency", "time", 0.0),
+            rate=table.number("rate", "frequency", 0.0),
+            latency=table.number("latency", "time", 0.0),
         )  # fmt: skip
         sensor = ArmSensor(reading, cables, points)
-    table.finish()
+    table.rest()
     return sensor
 
 

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from softdyn.checks import did_you_mean
 from softdyn.design.arm_file import urdf
 from softdyn.design.arm_table import read_arm
 from softdyn.design.layout import lay_out
 from softdyn.design.plausible import check
 from softdyn.design.preset_tables import Files, read_finger, read_spiral
 from softdyn.design.rods import Arm
-from softdyn.design.units import TomlTable
 from softdyn.exceptions import InputError, errors_in
+from softdyn.toml_table import TomlTable
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,10 @@ def read(values: Mapping[str, Any], file: str = "table") -> Design:
         if name in values:
             return Design(*preset(table))
     if "section" not in values:
-        slips = [difflib.get_close_matches(key, ("section", *PRESETS), 1, 0.7) for key in values]
-        near = [f"{name}?" for found in slips for name in found]
-        expected = near[0] if near else f"[[section]] or [{'] or ['.join(PRESETS)}]"
-        raise InputError(file, expected, ", ".join(values) or "nothing")
+        said = [did_you_mean(key, ("section", *PRESETS)) for key in values]
+        near = [one for one in said if one.endswith("?")]
+        expected = f"[[section]] or [{'] or ['.join(PRESETS)}]"
+        raise InputError(file, expected, ", ".join(near or values) or "nothing")
     return design(arm_of(values, file))
 
 
@@ -78,7 +78,7 @@ def arm_of(values: Mapping[str, Any], file: str = "table") -> Arm:
     """The arm of sections that a table describes; see `read`."""
     table = TomlTable(values, file)
     arm = read_arm(table)
-    table.finish()
+    table.rest()
     with errors_in(file):
         check(lay_out(arm))
     return arm

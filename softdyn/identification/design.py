@@ -8,11 +8,8 @@ called left. Values are in SI units.
 from __future__ import annotations
 
 import copy
-import re
-import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -26,14 +23,14 @@ from softdyn.design import arm_file
 from softdyn.design.arm_table import read_arm
 from softdyn.design.layout import Layout, lay_out
 from softdyn.design.source import arm_of, read
-from softdyn.design.units import UNITS, TomlTable
 from softdyn.dynamics.mimic import build
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError, errors_in
-from softdyn.files import as_path, read_toml
+from softdyn.files import MAX_TOML, as_path, read_bytes, read_toml
 from softdyn.identification.markers.points import marked, markers_of, read_points
 from softdyn.identification.parameters import Parameter, distinct, parameters
 from softdyn.identification.unknowns.kinds import INPUT_LOSS, Kind
+from softdyn.toml_table import UNITS, TomlTable
 
 KEPT = 64  # models
 KEYS = {"cable_friction": "friction", "sensor_bias": "bias", "sensor_latency": "latency"}
@@ -45,9 +42,6 @@ SUFFIX = {
     for suffix in units
     if suffix
 }
-HEADER = re.compile(r"\s*(\[\[?)\s*([\w.\-\"' ]+?)\s*\]\]?\s*(?:#.*)?$")
-ENTRY = re.compile(r"(\s*)([\w-]+)(\s*=\s*)([^#]*)(.*)$", re.DOTALL)
-NUMBER = re.compile(r"[-+]?\d[\d_]*(?:\.\d[\d_]*)?(?:[eE][-+]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -205,45 +199,37 @@ class DesignFile:
     def changed(self, values: Mapping[str, float]) -> dict[str, Any]:
         """The file's table with other values (SI), by label."""
         table = copy.deepcopy(self.table)
-        for label, value in values.items():
-            entry = self.entries[label]
-            part: Any = table
-            for key in entry.path[:-1]:
-                part = part[key]
-            part[entry.path[-1]] = float(f"{number(label, value) / entry.factor:.12g}")
+        self._set(table, values)
         return table
 
     def rewritten(self, values: Mapping[str, float]) -> str:
-        """The file's text with other values (SI), by label; comments stay.
+        """The file's text with other values (SI), by label; comments and the layout stay.
 
         Places of markers are left out.
-
-        Raises
-        ------
-        InputError
-            For a number that does not stand on its key's line.
         """
-        marks = {one for one in values if self.entries[one].path[0] in MARKERS}
-        own = {one: value for one, value in values.items() if one not in marks}
-        wanted = self.changed(own)
-        for key in MARKERS:
-            wanted.pop(key, None)
-        new: dict[tuple[Any, ...], float] = {}
-        for label in own:
-            part: Any = wanted
-            for step in (path := self.entries[label].path):
-                part = part[step]
-            new[path] = part
-        text = "".join(_replaced(self.path.read_text(encoding="utf-8"), new))
-        if tomllib.loads(text) != wanted:
-            raise InputError(str(self.path), "each number on its key's line", "another layout")
-        return text
+        import tomlkit  # only this needs it
+
+        own = {k: v for k, v in values.items() if self.entries[k].path[0] not in MARKERS}
+        document = tomlkit.parse(read_bytes(self.path, MAX_TOML).decode())
+        self._set(document, own)
+        return tomlkit.dumps(document)
+
+    def _set(self, table: Any, values: Mapping[str, float]) -> None:
+        """Change numbers of a table of the file's form in place."""
+        for label, value in values.items():
+            entry = self.entries[label]
+            *tables, last = entry.path
+            _at(table, tables)[last] = float(f"{number(label, value) / entry.factor:.12g}")
 
     def _value(self, entry: Entry) -> float:
-        part: Any = self.table
-        for key in entry.path:
-            part = part[key]
-        return float(part) * entry.factor
+        return float(_at(self.table, entry.path)) * entry.factor
+
+
+def _at(table: Any, path: Iterable[str | int]) -> Any:
+    """What a path leads to in a table."""
+    for key in path:
+        table = table[key]
+    return table
 
 
 def _entries(part: Any, path: tuple[str | int, ...], words: tuple[str, ...]) -> Iterator[Entry]:
@@ -274,29 +260,3 @@ def _without_unit(key: str) -> tuple[str, str, float]:
         if key[k + 1 :] in SUFFIX:
             return key[:k], *SUFFIX[key[k + 1 :]]
     return key, "", 1.0
-
-
-def _replaced(text: str, new: Mapping[tuple[Any, ...], float]) -> Iterator[str]:
-    """The lines of a TOML text with new numbers, by path."""
-    counts: dict[tuple[Any, ...], int] = {}
-    table: tuple[Any, ...] = ()
-    for line in text.splitlines(keepends=True):
-        if header := HEADER.match(line):
-            table = ()
-            names = [name.strip(" \"'") for name in header[2].split(".")]
-            for depth, name in enumerate(names):
-                table = (*table, name)
-                if header[1] == "[[" and depth == len(names) - 1:
-                    counts[table] = counts.get(table, -1) + 1
-                if table in counts:
-                    table = (*table, counts[table])
-        elif entry := ENTRY.match(line):
-            path = (*table, entry[2])
-            pieces = NUMBER.split(entry[4])
-            found = NUMBER.findall(entry[4])
-            for k, old in enumerate(found):
-                value = new.get((*path, k), new.get(path) if len(found) == 1 else None)
-                found[k] = old if value is None else repr(float(value))
-            value_text = "".join(chain(*zip(pieces, [*found, ""], strict=True)))
-            line = entry[1] + entry[2] + entry[3] + value_text + entry[5]
-        yield line

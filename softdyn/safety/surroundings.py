@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.checks import instances, table_of
+from softdyn.checks import instances
 from softdyn.description.visuals import BoxShape, SphereShape, Visual
 from softdyn.dynamics.model import State
 from softdyn.exceptions import InputError, errors_in
@@ -21,6 +21,7 @@ from softdyn.safety.obstacles import (
     LinkPairs,
     Obstacle,
 )
+from softdyn.toml_table import TomlTable
 
 KINDS: dict[str, type[Barrier]] = {
     "half_space": HalfSpace, "sphere": KeepOutSphere, "box": KeepOutBox, "pairs": LinkPairs,
@@ -76,22 +77,16 @@ class Surroundings:
             For an unknown key, and for all that the fields refuse.
         """
         made: list[Barrier] = []
-        for word, entries in table_of(where, table, KINDS).items():
-            if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
-                raise InputError(where, f"tables [[{word}]]", repr(entries))
+        read = TomlTable(table, where)
+        for word in read.rest(KINDS):
             kind = KINDS[word]
-            known = [part.name for part in fields(kind)]
-            for k, entry in enumerate(entries):
-                with errors_in(f"{where}: [[{word}]] {k + 1}"):
-                    whole = issubclass(kind, Obstacle) and "link" not in entry
-                    values = ({"links": EVERY} if whole else {}) | table_of("key", entry, known)
-                    if values.get("links") == TIP_ALONE:
-                        del values["links"]
-                    try:
-                        made.append(kind(**values))
-                    except TypeError:
-                        missing = [name for name in REQUIRED[kind] if name not in entry]
-                        raise InputError(missing[0], "a value", "none") from None
+            for entry in read.tables(word):
+                values = dict(entry.values)
+                if issubclass(kind, Obstacle) and "link" not in values:
+                    values.setdefault("links", EVERY)
+                if values.get("links") == TIP_ALONE:
+                    del values["links"]
+                made.append(TomlTable(values, entry.where).make(kind))
         with errors_in(where):
             return cls(made)
 
@@ -120,21 +115,17 @@ class Surroundings:
         return np.array([barrier.reserve(state) for barrier in self.barriers])
 
     def visuals(self, size: float) -> tuple[Visual, ...]:
-        """The obstacles as shapes of the world; a half-space is a slab, three `size` (m) wide."""
+        """The obstacles as shapes of the world; a half-space is a slab, 1.2 `size` (m) wide."""
         found = []
         for obstacle in self.obstacles:
             solid, pose = obstacle.solid, np.eye(4)
             pose[:3, :3], pose[:3, 3] = solid.rotation, solid.centre
             shape: Any = SphereShape(solid.swept)
             if isinstance(obstacle, HalfSpace):
-                shape = BoxShape((3 * size, 3 * size, thick := 0.02 * size))
+                shape = BoxShape((1.2 * size, 1.2 * size, thick := 0.01 * size))
                 pose[:3, 3] -= thick / 2 * solid.rotation[:, 2]
             elif solid.half.any():
                 x, y, z = (2 * solid.half).tolist()
                 shape = BoxShape((x, y, z))
             found.append(Visual("", pose, shape, COLOUR))
         return tuple(found)
-
-
-REQUIRED = {HalfSpace: ("normal", "offset"), KeepOutSphere: ("centre", "radius"),
-            KeepOutBox: ("centre", "size"), LinkPairs: ()}  # fmt: skip

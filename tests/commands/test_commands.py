@@ -62,13 +62,13 @@ def test_examples_are_copied_whole_or_not_at_all(tmp_path, capsys):
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == {
         path.name: path.read_bytes() for path in theirs.iterdir() if path.is_file()
     }
-    (folder / "tour.py").write_text("mine")
+    (folder / "tour.ipynb").write_text("mine")
     for path in folder.glob("soft*"):
         path.unlink()
     capsys.readouterr()
     assert main(["new", "--examples", str(folder)]) == 2
-    assert "tour.py" not in capsys.readouterr().out
-    assert (folder / "tour.py").read_text() == "mine"
+    assert "tour.ipynb" not in capsys.readouterr().out
+    assert (folder / "tour.ipynb").read_text() == "mine"
     assert not list(folder.glob("soft*"))
 
 
@@ -149,7 +149,7 @@ def test_one_program_three_ways(tmp_path):
         assert done.returncode == 0, done.stderr
         outputs.append((done.stdout, {path.name for path in folder.rglob("*")}))
     assert outputs[0] == outputs[1] == outputs[2]
-    assert "tour.py" in outputs[0][1]
+    assert "tour.ipynb" in outputs[0][1]
 
 
 @pytest.mark.parametrize("name", ["statics", "play"])
@@ -198,6 +198,22 @@ def test_keys_of_a_rig_that_change_nothing_say_so(tmp_path):
     assert [str(one.message).partition(" changes")[0] for one in told] == [
         f"rig.toml: {key}" for key in ("stiffness", "plant.contacts", "plant.friction")
     ]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("lagg = 0.01", "rig.toml: lagg: expected one of plant, lag, "),
+        ("lag = -1.0", "rig.toml: lag: expected a finite number >= 0, got -1.0"),
+        ("[plant]\nmas = 2.0", "rig.toml: [plant]: mas: expected one of contacts, "),
+    ],
+)
+def test_a_bad_rig_file_is_named(tmp_path, text, said):
+    (tmp_path / "arm.urdf").write_text(preloaded.text())
+    (tmp_path / "rig.toml").write_text(text)
+    words = ("arm.urdf", "--rig", "rig.toml", "--seconds", "0.01")
+    done = command("rollout", *words, cwd=tmp_path)
+    assert (done.code, said in done.err) == (2, True), done.err
 
 
 def test_an_option_with_a_use_says_nothing(tmp_path, recwarn):

@@ -112,7 +112,7 @@ def test_resolve() -> None:
     ],
 )
 def test_a_name_that_is_no_gain_is_told_the_nearest(key: str, said: str) -> None:
-    with pytest.raises(InputError, match=rf"any of Kp, .*, horizon, got {said}$"):
+    with pytest.raises(InputError, match=rf"{key}: expected one of Kp, .*, horizon, got {said}$"):
         from_table(robot("finger"), "ic", {key: 1.0}, ("horizon",))
 
 

@@ -74,9 +74,9 @@ def test_a_misspelt_name_is_told_the_nearest(name: str, said: str) -> None:
 
 def test_what_cannot_be_built_is_one_line(own: str) -> None:
     model = robot("finger")
-    with pytest.raises(InputError, match=r"gains: expected any of Kp, eps, .*, got 'kp'"):
+    with pytest.raises(InputError, match=r"gains: kp: expected one of Kp, eps, .*, got 'kp'"):
         make_controller("ic", model, {"kp": 1.0})
-    with pytest.raises(InputError, match=r"gains: expected any of .* got 'horizon'"):
+    with pytest.raises(InputError, match=r"gains: horizon: expected one of .* got 'horizon'"):
         make_controller("ic", model, {"horizon": 1.0})
     with pytest.raises(InputError, match=r"u_ref: expected finite numbers of shape \(2,\)"):
         make_controller("soft-id-clf-qp", model, {"u_ref": [1.0]})

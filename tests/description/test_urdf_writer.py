@@ -77,6 +77,30 @@ def again(robot: Robot) -> Robot:
     return parse_text(write(robot), path=robot.path, floating=robot.floating)
 
 
+WRAPPED = """\
+<robot name="wrapped"><link name="base"/>
+  <link name="arm"><inertial><mass value="1"/>
+    <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <joint name="hinge" type="continuous"><parent link="base"/><child link="arm"/></joint>
+  <softdyn version="1"><tendon name="cable" friction="0.1" driven="last">
+    <site link="base" xyz="-1 0 0.3"/>
+    <cylinder link="arm" xyz="0 0 0" axis="0 2 1" radius="0.25" side="0 0 1" friction="0"/>
+    <site link="arm" xyz="0.5 0 0.4"/><site link="arm" xyz="1 0 0"/>
+    <sphere link="base" xyz="1.5 0 0.1" radius="0.2"/><site link="base" xyz="2 0 0"/>
+  </tendon></softdyn>
+</robot>
+"""
+
+
+def test_cables_around_round_bodies_are_written() -> None:
+    robot = of_text(WRAPPED)
+    cylinder, sphere = robot.tendons[0].wraps
+    assert (cylinder.after, sphere.after, sphere.axis, cylinder.friction) == (0, 2, None, 0.0)
+    assert again(robot) == robot
+    other = replace(robot.tendons[0], wraps=(cylinder,))
+    assert replace(robot, tendons=(other,)).digest != robot.digest
+
+
 def of_text(text: str, **options: Any) -> Robot:
     return parse_text(text, path=Path("robot.urdf"), **options)
 

@@ -94,11 +94,11 @@ def test_a_finger(tmp_path):
             "segments = 1",
             "segments: expected a whole number from 2 to 1000",
         ),
-        (SPIRAL, "mass_g", "mas_g", "expected mass_g?"),
+        (SPIRAL, "mass_g", "mas_g", "expected mass_g or mass_kg, got 'mas_g'; did you mean"),
         (FINGER, "[1, 2, 3]", "[1, 2, 4]", "hinges from 1 to 3"),
         (FINGER, "[1, 2, 3]", "[1, 2.5, 3]", "hinges from 1 to 3"),
         (FINGER, "0.03]", "]", "expected one number, or 3"),
-        (FINGER, "[finger]", "[fingr]", "expected finger?"),
+        (FINGER, "[finger]", "[fingr]", "or [finger], got 'fingr'; did you mean 'finger'?"),
     ],
 )
 def test_bad_input_is_one_line(text, old, wrong, message, tmp_path, capsys):

@@ -164,11 +164,15 @@ def test_words_that_choose_numbers(arm):
     assert Around(arm.model).neighbours == ()
 
 
-def test_a_design_s_number_on_another_line_is_refused(tmp_path):
-    (tmp_path / "arm.toml").write_text(ARM.replace("[9, 6.0]", "[9,\n 6.0]"))
+def test_a_design_is_rewritten_in_any_layout(tmp_path):
+    layout = "[9, # at the base\n 6.0]"
+    text = ARM.replace("[9, 6.0]", layout)
+    assert text != ARM
+    (tmp_path / "arm.toml").write_text(text)
     made = DesignFile(tmp_path / "arm.toml")
-    with pytest.raises(InputError, match="each number on its key's line"):
-        made.rewritten({"offset cable pull [2]": 0.005})
+    assert made.rewritten({}) == text
+    changed = made.rewritten({"offset cable pull [2]": 0.005})
+    assert changed == text.replace(layout, layout.replace("6.0", "5.0"))
 
 
 @pytest.mark.parametrize(

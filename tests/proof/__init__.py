@@ -9,7 +9,8 @@ of them.
 - `planted`: `compare` against defects planted in random robots;
 - `pictures`, `film`: the documents' pictures and clips;
 - `tables`, `documents`: the documents' tables;
-- `poses`: predictive control at poses, with the figures of docs/tasks.md;
+- `weights`: the size of each package that an installation brings;
+- `poses`: predictive control at poses, with the figures of docs/beyond.md;
 - `twins`: identifications of twins, with the figures of the documents;
 - `closed_forms`, `peer`, `rods`: chains of joints against theory and against SoRoMoX;
 - `identification`: fits by MuJoCo's own identification of the same data;

@@ -419,7 +419,8 @@ BLOCK = [
     Misuse("foreign element in the block", inside('<x:a xmlns:x="u"/>'), "<softdyn><x:a>",
            "<joint> or <tendon> or <actuator> or <sensor> or <task>", "<{u}a>", row=False),
     Misuse("unknown element in a tendon", (COEF, f"{COEF}<pulley/>"),
-           f"<softdyn>{FLEXOR}<pulley>", "<joint> or <site>", "<pulley>", row=False),
+           f"<softdyn>{FLEXOR}<pulley>", "<joint> or <site> or <cylinder> or <sphere>", "<pulley>",
+           row=False),
     Misuse("unknown element in an actuator", (
            'lower="0" upper="5"/>', 'lower="0" upper="5"><gear/></actuator>'),
            f"<softdyn>{U2}<gear>", "no element inside", "<gear>", row=False),
@@ -492,6 +493,58 @@ TENDONS = [
            '<tendon name="drive">', '<tendon name="drive" stiffness="1">'),
            '<softdyn><tendon name="drive">', "a spring on a revolute or prismatic joint",
            "continuous joint 'spin'"),
+]  # fmt: skip
+AFTER = '<site link="base" xyz="0 0 0.02"/>\n'  # the first site of the cable
+
+
+def wrap(words: str, tag: str = "cylinder") -> tuple[str, str]:
+    """Insert a round body of the base behind the first site of the cable."""
+    return AFTER, f'{AFTER}<{tag} link="base" {words}/>'
+
+
+ROUND, PIN = 'xyz="0.02 0 0"', 'axis="0 1 0" radius="0.01"'
+ON_PIN = f"<softdyn>{CABLE}<cylinder>"
+WRAPS = [
+    Misuse("cylinder without an axis", wrap(f'{ROUND} radius="0.01"'), ON_PIN,
+           'attribute axis="…"', "none"),
+    Misuse("axis of a sphere", wrap(f"{ROUND} {PIN}", "sphere"), f"<softdyn>{CABLE}<sphere>",
+           "no attribute but link, xyz, radius, side, friction", "axis"),
+    Misuse("axis of length zero", wrap(f'{ROUND} axis="0 0 0" radius="0.01"'), ON_PIN,
+           "an axis that is not zero", "0 0 0"),
+    Misuse("round body without a radius", wrap(f'{ROUND} axis="0 1 0"'), ON_PIN,
+           'attribute radius="…"', "none"),
+    Misuse("radius that is not positive", wrap(f'{ROUND} axis="0 1 0" radius="0"'), ON_PIN,
+           "radius > 0", "0.0"),
+    Misuse("length that is not positive", wrap(f'{ROUND} {PIN} length="-1"'), ON_PIN,
+           "length > 0", "-1.0", row=False),
+    Misuse("friction of a round body below zero", wrap(f'{ROUND} {PIN} friction="-0.1"'), ON_PIN,
+           "friction from 0 to 10", "-0.1"),
+    Misuse("unknown link of a round body", (
+           AFTER, f'{AFTER}<cylinder link="palm" {ROUND} {PIN}/>'), ON_PIN,
+           "the name of a link", "'palm'", row=False),
+    Misuse("round body at the begin of a path", (
+           AFTER, f'<cylinder link="base" {ROUND} {PIN}/>{AFTER}'), ON_PIN,
+           "a <site> before and behind it", "none before it"),
+    Misuse("round body at the end of a path", (
+           f"{SITES}    </tendon>", f'{SITES}<cylinder link="pad" {ROUND} {PIN}/></tendon>'),
+           ON_PIN, "a <site> before and behind it", "none behind it", row=False),
+    Misuse("two round bodies without a site between them", (
+           AFTER, f'{AFTER}<cylinder link="base" {ROUND} {PIN}/>'
+           '<sphere link="base" xyz="0.03 0 0" radius="0.01"/>'), f"<softdyn>{CABLE}<sphere>",
+           "a <site> before and behind it", "<cylinder> before it"),
+    Misuse("round body among joints", (COEF, f'{COEF}<cylinder link="base" {ROUND} {PIN}/>'),
+           f"<softdyn>{FLEXOR}<cylinder>", "a <site> before and behind it", "none before it",
+           row=False),
+    Misuse("site inside a round body", wrap('xyz="0 0 0.015" axis="0 1 0" radius="0.01"'), ON_PIN,
+           "sites at least 0.01 m from it at q = 0", "the site of 'base' at 0.005 m"),
+    Misuse("sites and axis in one line, no side", wrap('xyz="0.025 0 0.02" axis="0 1 0" '
+           'radius="0.01"'), ON_PIN, 'side="…"', "two sites and its axis in one line, and no side"),
+    Misuse("sites and centre in one line, no side", wrap('xyz="0.025 0 0.02" radius="0.01"',
+           "sphere"), f"<softdyn>{CABLE}<sphere>", 'side="…"',
+           "two sites and its centre in one line, and no side", row=False),
+    Misuse("side on the line of the sites", wrap('xyz="0.025 0 0.02" radius="0.01" '
+           'side="0.04 0 0.02"', "sphere"), f"<softdyn>{CABLE}<sphere>",
+           "a side beside the line of the sites through its centre", "one on it"),
 ]  # fmt: skip
 INPUTS = [
     Misuse("actuator without a name", ('<actuator name="u1" ', "<actuator "),
@@ -634,9 +687,11 @@ SENSORS = [
     Misuse("sensor without its member", sensor('type="length"'), SENSOR, 'attribute tendon="…"',
            "none"),
     Misuse("another type's member", sensor('type="length" tendon="cable" link="pad"'), SENSOR,
-           "no attribute but name, type, tendon, noise, bias, rate, latency, resolution", "link"),
+           "no attribute but name, type, tendon, noise, bias, rate, latency, resolution, lower, "
+           "upper", "link"),
     Misuse("frame of a point", sensor('type="position" link="pad" rpy="0 0 1"'), SENSOR,
-           "no attribute but name, type, link, xyz, noise, bias, rate, latency, resolution",
+           "no attribute but name, type, link, xyz, noise, bias, rate, latency, resolution, lower, "
+           "upper",
            "rpy"),
     Misuse("sensor on an unknown tendon", sensor('type="tension" tendon="cabel"'), SENSOR,
            "the name of a tendon", "'cabel'; did you mean 'cable'?"),
@@ -662,6 +717,10 @@ SENSORS = [
            "-1.0"),
     Misuse("negative resolution", sensor('type="joint" joint="bend" resolution="-1"'), SENSOR,
            "resolution >= 0", "-1.0"),
+    Misuse("limits of a reading", sensor('type="joint" joint="bend" lower="1" upper="1"'), SENSOR,
+           "lower < upper", 'lower="1" upper="1"'),
+    Misuse("limits of another size", sensor('type="gyro" link="pad" upper="1 2"'), SENSOR,
+           "one number or 3 as upper", "'1 2'"),
     Misuse("negative readings per second", sensor('type="joint" joint="bend" rate="-1"'), SENSOR,
            "rate >= 0", "-1.0"),
     Misuse("negative latency", sensor('type="joint" joint="bend" latency="-1"'), SENSOR,
@@ -797,6 +856,7 @@ GROUPS = {
     "Joint springs and dampers": SPRINGS,
     "The block": BLOCK,
     "Tendons": TENDONS,
+    "Round bodies": WRAPS,
     "Actuators and task": INPUTS,
     "Friction of cables": FRICTION,
     "Slack tendons, motors and winches": RIG,

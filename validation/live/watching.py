@@ -73,8 +73,8 @@ def open_watch_page(
     obstacles = () if loop.surroundings is None else loop.surroundings.visuals(figure.size)
     figure = replace(figure, scenery=(*scenery, *obstacles))
     title = f"{robot}, {controller_title(loop.name)}"
-    if loop.plant_file is not None:
-        title += f", in {loop.plant_file}"
+    if loop.plant.settings.get("plant") is not None:
+        title += f", in {loop.plant.settings['plant']}"
     page = live_page(
         figure, "watch", title=title, period=loop.grid.period,
         path=experiments.ellipse_points(model) if on_ellipse else None,

@@ -16,9 +16,8 @@ from softdyn.description.inertia import ZERO, Vector
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.description.robot import Robot
 from softdyn.design.layout import Layout
-from softdyn.design.units import TomlTable
 from softdyn.exceptions import InputError
-from softdyn.files import as_path, read_toml
+from softdyn.toml_table import TomlTable
 
 BEYOND = 1.1  # times the arm's length; a marker may stand out at the tip
 PREFIX = {SensorKind.POSITION: "point.", SensorKind.POSE: "pose."}
@@ -60,8 +59,7 @@ def read_points(path: str | Path) -> tuple[Marker, ...]:
     InputError
         For a bad file; it names the table and the key.
     """
-    path = as_path("path", path)
-    return markers_of(read_toml(path), str(path))
+    return markers_of(TomlTable.read(path).values, str(path))
 
 
 def markers_of(values: Mapping[str, Any], path: str) -> tuple[Marker, ...]:
@@ -69,7 +67,7 @@ def markers_of(values: Mapping[str, Any], path: str) -> tuple[Marker, ...]:
     table = TomlTable(values, path)
     found = [_marker(one, False) for one in table.tables("point")]
     found += [_marker(one, True) for one in table.tables("pose")]
-    table.finish()
+    table.rest()
     if not found:
         raise InputError(path, "[[point]] or [[pose]]", "none")
     names = [one.name for one in found]
@@ -80,14 +78,14 @@ def markers_of(values: Mapping[str, Any], path: str) -> tuple[Marker, ...]:
 
 
 def _marker(table: TomlTable, pose: bool) -> Marker:
-    along, link = table.quantity("s", "length", None), table.text("link", "")
+    along, link = table.number("s", "length", None), table.text("link", "")
     if (along is None) == (not link):
         raise InputError(table.where, "link or s_mm", "both" if link else "none")
     key = "xyz" if link else "offset"
     xyz = table.vector(key, "length", ZERO)
     rpy = table.vector("rpy", "angle", ZERO) if pose else ZERO
     marker = Marker(table.text("name"), link, along, xyz, rpy, pose)
-    table.finish()
+    table.rest()
     return marker
 
 

@@ -33,7 +33,7 @@ from softdyn.validation.studies.engine.distribution import (
 )  # fmt: skip
 from softdyn.validation.studies.sweep_report import REST
 from softdyn.validation.tables import Table
-from tests.proof import poses
+from tests.proof import poses, weights
 from tests.proof.documents.reports import reports_table
 from tests.proof.documents.settings import MEASURED, changes_table, gains_table
 from tests.proof.estimates import forces
@@ -385,6 +385,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "statics": _statics,
     "forces": lambda: Table.of(forces.COLUMNS, _rows("forces")).markdown(),
     "scenes": lambda: Table.of(scenes.COLUMNS, _rows("scenes")).markdown(),
+    "weights": lambda: Table.of(weights.COLUMNS, _rows("weights")).markdown(),
     "reports-right": lambda: reports_table(public_reports.RIGHT),
     "reports-mended": lambda: reports_table(public_reports.MENDED),
     "reports-beside": lambda: reports_table(public_reports.BESIDE),
