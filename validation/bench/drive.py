@@ -8,7 +8,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Thread, current_thread, main_thread
 from typing import Any
@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from tqdm.auto import tqdm
 
-from softdyn import InputError, SoftModel
+from softdyn import InputError, SoftModel, State
+from softdyn.actuation import CommandKind, Winches
 from softdyn.checks import array, number
 from softdyn.dynamics.model import check_model
 from softdyn.estimation import Ekf, Observer
@@ -187,7 +188,7 @@ class Drive:
         if hold is not None:
             hold = array("hold", hold, (model.nu,))
         self._rig = RealRig(model, driver, safe, period, controller, hold, source)
-        inner = timeless_ekf(model) if observer is None else observer
+        inner = Ekf(model) if observer is None else observer
         seeing = SeeingObserver(inner, self._rig, safe)
         self._spare = another(driver, model) if watchdog else None
         options = RunOptions(
@@ -376,10 +377,50 @@ class Drive:
             thread.join()
 
 
-def timeless_ekf(model: SoftModel, disturbances: Any = ()) -> Ekf:
-    """A filter of the file's sensors that takes each reading when it comes, at any time."""
-    sensors = [replace(sensor, rate=0.0) for sensor in model.robot.sensors]
-    return Ekf(model, sensors, disturbances)
+class _Held:
+    """A controller and its output: the forces u (nu,) that constant commands give."""
+
+    name = "constant commands"
+
+    def __init__(self, model: SoftModel, commands: np.ndarray) -> None:
+        self._winches, self._commands, self.u = Winches(model), commands, np.zeros(model.nu)
+        speeds = [actuator.command is CommandKind.VELOCITY for actuator in model.robot.actuators]
+        self._forces = ~np.array(speeds, bool)
+
+    def __call__(self, state: State, reference: Any) -> _Held:
+        """The forces at a state; those of velocities are not known."""
+        forces = self._winches.tensions(state, self._commands)
+        self.u = np.where(self._forces, forces, 0.0)
+        return self
+
+
+def hold_commands(model: SoftModel, commands: Any, driver: Driver, **options: Any) -> Drive:
+    """A run in which a rig gets constant commands, after their ramp.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot with its rig.
+    commands : array_like, (nu,)
+        Forces, free lengths (m) or velocities, as the file's motors state.
+    driver : Driver
+        The rig's driver.
+    **options : Any
+        Those of `Drive`.
+
+    Raises
+    ------
+    InputError
+        As for `Drive`, and for commands beyond the bounds of their motors.
+    """
+    values = array("hold", commands, (model.nu,))
+    winches = Winches(model)
+    bounds = zip(model.robot.actuators, values, winches.lower, winches.upper, strict=True)
+    for actuator, value, lower, upper in bounds:
+        if actuator.command is not CommandKind.VELOCITY and not lower <= value <= upper:
+            expected = f"a command of {actuator.name!r} from {lower:g} to {upper:g}"
+            raise InputError("hold", expected, f"{value:g}")
+    return Drive(model, _Held(model, values), nowhere, driver, hold=values, **options)
 
 
 @contextmanager
