@@ -85,7 +85,7 @@ parser.unused(
 )
 parser.unused("--seed", lambda a: not a.serve, "only --serve has noise of its own")
 
-HELD = 0.005  # s
+HELD = 0.005  # s, the period of a robot that is not bundled
 
 
 def command(arguments: cli.Arguments) -> int:
@@ -167,7 +167,7 @@ def make(model: SoftModel, arguments: cli.Arguments, limits: Any) -> Drive:
     with one_line_errors(arguments.controller, "a command"):
         return Drive(
             model, controller, experiment, driver, observer,
-            period=arguments.period or experiment.period,
+            period=arguments.period or (experiment.period if model.bundled else HELD),
             duration=arguments.duration or experiment.duration, limits=limits,
             name=arguments.controller, log_to=arguments.log,
         )  # fmt: skip

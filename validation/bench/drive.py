@@ -39,6 +39,7 @@ SIGNALS = {
 SWITCH = 1e-4  # s; another thread gives the interpreter back after so long
 COLLECT = 1.0  # s between two collections of garbage, in the idle part of a period
 IDLE = 0.5  # of a period that must be left for one
+WARM = 20  # calls of copies of observer and controller before the run
 SHOWN = 0.2  # s between two looks of the progress bar
 
 
@@ -125,8 +126,8 @@ def drive(
 class Drive:
     """A run on a real rig, made ready before it begins.
 
-    The constructor opens nothing. It prepares the controller for the reference, and calls copies of
-    controller and observer once, so that everything is compiled. `run` starts the driver, keeps the
+    The constructor opens nothing. It prepares the controller for the reference. `run` calls copies
+    of controller and observer, so that everything is compiled. Then it starts the driver, keeps the
     period, and always ends with ``driver.stop()``.
 
     Parameters
@@ -198,19 +199,27 @@ class Drive:
             aim = reference.reference if isinstance(reference, Experiment) else reference
             controller.prepare(aim)
         self.loop = ClosedLoop(model, controller, reference, options)
-        self._warm(controller, inner)
+        self._actors = controller, inner
         self.clock, self._now = Deadlines(period, source), source.now
 
-    def _warm(self, controller: Any, observer: Any) -> None:
-        """Call copies of observer and controller once, so that nothing is compiled in the run."""
-        model, rig = self._model, self._rig
+    def _warm(self) -> None:
+        """Let copies of observer and controller work, so that nothing is compiled in the run.
+
+        It follows the fork of the watchdog: the first use of a page of memory after it is slow.
+        """
+        model, rig, period = self._model, self._rig, self.loop.grid.period
         state = model.state(model.q0, np.zeros(model.nv))
         readings = np.asarray(model.measure(state, rig.relaxed))
         with suppress(Exception):  # a user's object that cannot be copied is not called
-            again = copy.deepcopy((controller, observer))
-            for k in range(3):
-                again[1].step(k * self.loop.grid.period, readings, rig.sent)
-                again[0](state, self.loop.reference(0.0))
+            controller, observer = copy.deepcopy(self._actors)
+            seeing = SeeingObserver(observer, rig, self._safe)
+            for k in range(WARM):
+                rig.read.new = readings
+                rig.read.stamps = np.full(len(readings), rig.begin + (k - 1) * period)
+                seen = seeing.step(k * period, readings, rig.sent)
+                controller(model.state(seen.q, seen.v), self.loop.reference(0.0))
+        rig.read.clear()
+        self._safe.clear()
 
     def run(
         self, *, progress: bool = False, on_step: Callable[[ControlStep], None] | None = None
@@ -230,6 +239,7 @@ class Drive:
         try:
             with _signals(heard), _quiet_interpreter(), self._progress(progress):
                 try:
+                    self._warm()
                     self._rig.open()
                     self._steps(heard, watchdog, on_step)
                     self._relax(heard, watchdog)
