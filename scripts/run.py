@@ -294,10 +294,9 @@ def nearest_to_tasks(
     here = SimpleNamespace(t=[end], q=[rest.q], v=[np.zeros(model.nv)])
     errors = np.hstack([*errors_along(model, tasks, here, loop.reference).values()])
     within = log.verdict(tolerance).tolerance
-    missed = judged.missed_tasks(
-        log.task_names, log.task_units, errors.tolist(), within, log.length
-    )
-    figures = judged.task_figures(log.task_names, log.task_units, errors[None])
+    each = log.columns("tasks")
+    missed = judged.missed_tasks(each, errors.tolist(), within, log.length)
+    figures = judged.task_figures(each, errors[None])
     by_task = {name: {"error": one["last"], "unit": one["unit"]} for name, one in figures.items()}
     said = ", ".join(f"{name} {x['error']:.3f} {x['unit']}" for name, x in by_task.items())
     reach = "they may be out of reach" if missed else "they are within reach"

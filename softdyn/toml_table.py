@@ -78,9 +78,7 @@ class TomlTable:
 
     # -- values ------------------------------------------------------------------------------------
 
-    def number(
-        self, name: str, kind: str = "none", default: Any = REQUIRED, **bounds: Any
-    ) -> Any:
+    def number(self, name: str, kind: str = "none", default: Any = REQUIRED, **bounds: Any) -> Any:
         """A number in SI units; its key is `name` followed by a unit of `kind`.
 
         `bounds` are those of `softdyn.checks.number`, in SI units.

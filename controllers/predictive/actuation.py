@@ -1,19 +1,18 @@
-"""The way of a command to the plant as a controller knows it: a delay, then a first-order lag.
+"""The way of a command to the plant as a controller knows it: the law of a drive, for all inputs.
 
-A command c acts after the delay, through λ ȧ = c - a. Between two changes of the command
-
-    a(t) = c + (a(0) - c) e^(-t/λ),      its mean over [0, t]  c + (a(0) - c) (1 - e^(-t/λ)) λ/t.
+One delay and one lag hold for all of them; `softdyn.actuation.drives` has the law.
 """
 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
 from softdyn import InputError, SoftModel
+from softdyn.actuation.drives import Drives, lag_shares
 from softdyn.checks import number
-from softdyn.compiled import compiled
 from softdyn.description.rig import LONGEST_DELAY
 
 MOST_WAITING = 20_000  # commands on their way: 10 s in periods of 0.5 ms
@@ -29,11 +28,6 @@ class Actuation:
         Time (s) from a state to the begin of the command that answers it.
     lag : float
         Time constant λ (s) of the actuators.
-
-    Attributes
-    ----------
-    acting : ndarray, (nu,)
-        The input that acts at the present instant.
 
     Raises
     ------
@@ -69,17 +63,17 @@ class Actuation:
         if not self.delay / period <= MOST_WAITING:
             least = f"{self.delay / MOST_WAITING:.3g} s or more, for a delay of {self.delay:g} s"
             raise InputError("period", least, f"{period:g} s")
-        whole = math.floor(self.delay / period + 1e-9)
-        rest = max(self.delay - whole * period, 0.0)
-        rest = rest if rest > 1e-9 * period else 0.0
-        count = whole + (rest > 0)
-        self.period, self.acting = period, np.array(u, float)
-        self._waiting = np.tile(self.acting, (count, 1))
-        self._spans = np.full(count, period)
-        self._spans[:1] = rest or period
-        self._first = rest
-        self._before = self.acting, self._waiting
-        self.kept = math.exp(-period / self.lag) if self.lag > 0 else 0.0
+        self.period, self._t = period, 0.0
+        self._left = float(lag_shares(period, self.lag)[0])
+        every = np.ones(len(u))
+        self._drives = Drives(self.lag * every, self.delay * every, math.inf * every)
+        self._drives.begin(np.array(u, float), self._t)
+        self._before = self._t, self._drives.copy()
+
+    @property
+    def acting(self) -> np.ndarray:
+        """The input (nu,) that acts at the present instant."""
+        return self._drives.acting
 
     def over_delay(self, longest: float) -> tuple[np.ndarray, np.ndarray]:
         """Mean inputs (steps, nu) over equal steps of the delay, and the input (nu,) at its end.
@@ -90,54 +84,28 @@ class Actuation:
             No step is longer (s), unless there would be more than 1000 of them.
         """
         steps = math.ceil(min(self.delay / longest, MOST_STEPS) - 1e-9)
-        return _means(self._waiting, self._spans, self.acting, self.lag, steps)
+        times = self._t + np.linspace(0.0, self.delay, steps + 1)
+        ahead = self._drives.copy()
+        means = [ahead.over(*span) for span in pairwise(times)]
+        return np.array(means).reshape(steps, len(self.acting)), ahead.acting
 
     def command_for(self, goal: np.ndarray, start: np.ndarray) -> np.ndarray:
         """The command (nu,) under which the acting input goes from `start` to `goal` in a period.
 
         It is the goal itself where nothing lags.
         """
-        return start + (goal - start) / (1.0 - self.kept)
+        return start + (goal - start) / (1.0 - self._left)
 
     def send(self, command: np.ndarray) -> np.ndarray:
         """A period goes by with this command sent at its begin; the mean input (nu,) of it."""
-        self._before = self.acting, self._waiting
-        sent = np.vstack((self._waiting, command))
-        spans = np.array([self._first, self.period - self._first])
-        acts = sent[:2] if self._first > 0 else sent[:1]
-        means, self.acting = _means(acts, spans[-len(acts) :], self.acting, self.lag, 1)
-        self._waiting = sent[1:]
-        mean: np.ndarray = means[0]
+        self._before = self._t, self._drives.copy()
+        end = self._t + self.period
+        self._drives.send(self._t, command)
+        mean = self._drives.over(self._t, end)
+        self._t = end
         return mean
 
     def send_instead(self, command: np.ndarray) -> np.ndarray:
         """As `send`, for a command that was sent instead of the last one."""
-        self.acting, self._waiting = self._before
+        self._t, self._drives = self._before
         return self.send(command)
-
-
-@compiled
-def _means(commands, spans, acting, lag, steps):
-    """Means (steps, m) of the acting input over equal parts of all spans, and its last value."""
-    m = len(acting)
-    means, acts = np.zeros((steps, m)), acting.copy()
-    total = 0.0
-    for span in spans:
-        total += span
-    part = total / max(steps, 1)
-    k, room = 0, part
-    for i in range(len(spans)):
-        left = spans[i]
-        while left > 1e-9 * part:
-            dt = min(left, room)
-            share = dt / lag if lag > 0 else np.inf
-            kept = np.exp(-share)
-            mean = -np.expm1(-share) / share if lag > 0 else 0.0
-            for j in range(m):
-                gap = acts[j] - commands[i, j]
-                means[k, j] += dt / part * (commands[i, j] + gap * mean)
-                acts[j] = commands[i, j] + gap * kept
-            left, room = left - dt, room - dt
-            if room <= 1e-9 * part and k < steps - 1:
-                k, room = k + 1, part
-    return means, acts

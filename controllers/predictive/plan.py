@@ -9,7 +9,7 @@ A path obeys the analytic model in steps T of backward Euler,
 where a joint beyond a limit meets a stiff spring. (With those of `softdyn.dynamics.implicit_step`,
 `best` on SpiRob at θ = 0.25 with a lag of 10 ms ended at 7.38 cm instead of 0.29.) E = e^(-T/λ) is
 the share of the acting input a that actuators of lag λ keep, and ā its mean over the step
-(`actuation`). The commands c minimise
+(`softdyn.actuation.drives`). The commands c minimise
 
     Σ ‖y - y*‖² + speed² ‖q̇‖²_W + κ ‖a - u*‖²_diag(R) + σ ‖q - q*‖²_S / λ_S + rate ‖a⁺ - a‖²_R
 
@@ -30,7 +30,6 @@ dynamic programming", 2014).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -39,6 +38,7 @@ from itertools import product
 import numpy as np
 
 from softdyn import SoftModel, State
+from softdyn.actuation.drives import lag_shares
 from softdyn.controllers.predictive.background import Job
 from softdyn.controllers.predictive.objective import stiffness_at_rest
 from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget
@@ -290,13 +290,12 @@ def _pose(
     n, m = model.nv, model.nu
     state, S, compliance = stiffness_at_rest(model, HORIZON)
     R = compliance * state.B.T @ np.linalg.solve(S, state.B)
-    kept = math.exp(-STEP / lag) if lag > 0 else 0.0
+    kept, mean = (float(share) for share in lag_shares(STEP, lag))
     weight = np.zeros((2 * n + m, 2 * n + m))
     weight[:n, :n] = FORM * compliance * S
     weight[n : 2 * n, n : 2 * n] = (SPEED * HORIZON) ** 2 * compliance * S
     weight[2 * n :, 2 * n :] = HOLD * np.diag(np.diag(R))
     change = (1 - kept) ** 2 * RATE * (R + 1e-8 * np.trace(R) * np.eye(m))
-    mean = (1 - kept) * lag / STEP
     return PathProblem(model, start, target, goal, kept, mean, weight, change)
 
 

@@ -6,6 +6,7 @@
     lengths = winches.commands(state, u)     # free lengths of cable that give the input u
     winches.tensions(state, lengths)         # and back
 
+- `drives`: delay, bounded rate and lag of a motor, and the speed command of a winch;
 - `capstan`: friction of cables on their guides.
 
 `Winches` stands in `softdyn.dynamics.winches`, because the balance of forces needs it.

@@ -10,7 +10,6 @@
 - `onto_stops`: a correction that ends within the joint limits;
 - `covariance`, `drift`: prediction and updates of the covariance, with disturbances that change;
 - `arrivals`, `second_order`: rates and latencies of sensors, and readings of a poorly known state;
-- `drives`: delay, rate and lag of motors;
 - `observability`: how well and how fast sensors show the state at an equilibrium;
 - `recorded`: the filter over recorded data, with residuals by sensor;
 - `consistency`: normalised errors, and their bounds.

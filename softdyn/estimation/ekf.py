@@ -8,6 +8,7 @@ from dataclasses import fields
 
 import numpy as np
 
+from softdyn.actuation.drives import Drives
 from softdyn.checks import array, fill, instances, real, vector
 from softdyn.copies import Separate
 from softdyn.description.rig import Sensor
@@ -32,7 +33,6 @@ from softdyn.estimation.covariance import (
     usable,
 )
 from softdyn.estimation.drift import DisturbanceDrift
-from softdyn.estimation.drives import Drives
 from softdyn.estimation.estimate import StateEstimate
 from softdyn.estimation.onto_stops import onto_stops
 from softdyn.estimation.parameters import EkfCounts, EkfParameters, disturbances_of
@@ -59,7 +59,7 @@ class Ekf(Separate):
     The prediction is a backward Euler step with exact Jacobians and joint stops
     (`softdyn.dynamics.implicit_step`). Readings are fused one by one in Joseph's form. Late ones
     are fused at their own time (`softdyn.estimation.arrivals`). Motors have the lag, delay and rate
-    of the robot's file (`softdyn.estimation.drives`). An estimate beyond a stop is moved onto it
+    of the robot's file (`softdyn.actuation.drives`). An estimate beyond a stop is moved onto it
     along the covariance (Simon and Chia 2002). A reading more than 20 deviations off counts as so
     uncertain that it is 20 deviations off (Chang 2014, with another bound): one wrong reading
     corrects little, and a filter that is wrong and sure of it still recovers.
@@ -132,7 +132,7 @@ class Ekf(Separate):
         }
         self._channels = sensor_channels(model, tuple(chosen))
         self._step = ImplicitStep(model, ForceBalance(model, self.disturbances))
-        self._drives = Drives(model)
+        self._drives = Drives.of(model)
         q, v = (model.q0, np.zeros(model.nv)) if start is None else start
         self._plain = model.nq == model.nv
         self._start = array("start[0]", q, (model.nq,)), array("start[1]", v, (model.nv,))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softdyn.csv_columns import columns, numbers, once
+from softdyn.csv_table import CsvTable
 from softdyn.dynamics.model import SoftModel
 from softdyn.estimation.ekf import Ekf
 from softdyn.estimation.estimate import StateEstimate
@@ -170,17 +170,14 @@ def read_rows(model: SoftModel, reading_names: Iterable[str], path: str | Path) 
         A file that cannot be read, a column that is not there or is there twice, a cell that is no
         number, no row.
     """
-    _, header, rows = columns(path)
+    file = CsvTable(path)
     inputs = [actuator.name for actuator in model.robot.actuators]
-    kind = "command" if any(name.startswith("command.") for name in header) else "u"
+    kind = "command" if any(name.startswith("command.") for name in file.names) else "u"
     names = ["t", *(f"{kind}.{name}" for name in inputs)]
     names += [f"measured.{name}" for name in reading_names]
-    once(path, header, names)
-    if len(rows) < 2:
-        raise InputError(str(path), "at least two rows", str(len(rows)))
-    chosen = [header.index(name) for name in names]
-    cells = [[row[k] for k in chosen] for row in rows]
-    table = numbers(path, names, cells, ("measured.",))
+    table = file.numbers(names, ("measured.",))
+    if len(table) < 2:
+        raise InputError(str(path), "at least two rows", str(len(table)))
     u = table[:, 1 : 1 + len(inputs)]
     sent = np.vstack((np.zeros(len(inputs)), u[:-1]))
     return RecordedRows(table[:, 0], table[:, 1 + len(inputs) :], sent)

@@ -26,7 +26,7 @@ them, and the residuals give the intervals.
 - `hints`: where the residuals are, and extensions of the model with their gain on unseen data.
 """
 
-from softdyn.csv_columns import MAX_ROWS as MAX_ROWS
+from softdyn.csv_table import MAX_ROWS as MAX_ROWS
 from softdyn.identification.data import Measurements as Measurements
 from softdyn.identification.data import output_names as output_names
 from softdyn.identification.data import read_csv as read_csv

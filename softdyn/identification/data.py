@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import minimum_filter1d
 
 from softdyn.checks import array, did_you_mean, flag, in_degrees, instances, length, whole
-from softdyn.csv_columns import columns, numbers, once
+from softdyn.csv_table import CsvTable
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError, errors_in
 from softdyn.identification.markers.points import PREFIX
@@ -19,19 +19,8 @@ from softdyn.sensing.sensors import SUFFIXES
 
 FAR = 5.0  # times its bound; an input this large is probably in another unit
 SLOW = 0.5  # s between samples; with longer steps the times are probably milliseconds
-BESIDE = (
-    "v.",
-    "target.",
-    "command.",
-    "acting.",
-    "q_seen.",
-    "v_seen.",
-    "task.",
-    "goal.",
-    "reserve.",
-    "estimated.",
-    "deviation.",
-)
+BESIDE = ("v.", "target.", "command.", "acting.")  # other columns of a rig's recording
+LOG = "log"  # a column of a log's CSV; all of its columns that are no measurements are left out
 GAPS = ("tip.", "length.", "point.", "pose.", READ)  # columns whose cells may be empty
 AXES = ("x", "y", "z")
 SHORTEST = 20  # least samples of a stretch; each stretch has its own unknown first state
@@ -269,29 +258,26 @@ def read_csv(
     inputs = tuple(f"u.{actuator.name}" for actuator in check_model(model).robot.actuators)
     ways = tuple(name.replace("u.", "direction.", 1) for name in inputs) if static else ()
     known = ("t", *inputs, *output_names(model))
-    titles, header, rows = columns(path)
+    file = CsvTable(path)
     acting = tuple(name.replace("u.", "acting.", 1) for name in inputs)
-    acting = acting if set(acting) <= set(header) else ()
+    acting = acting if set(acting) <= set(file.names) else ()
     chosen = tuple(instances("outputs", outputs, str, "the beginning of an output's name"))
-    # other columns of a log are no measurements
-    kept = [
-        k for k, name in enumerate(header)
+    optional = "" if LOG in file.names else READ  # these may be unknown
+    header = [
+        name for name in file.names
         if name in acting or not (
-            name.startswith(BESIDE) or (name.startswith(READ) and name not in known)
+            name.startswith(BESIDE) or (name.startswith(optional) and name not in known)
             or (chosen and name in output_names(model) and not name.startswith(chosen))
         )
     ]  # fmt: skip
-    header = [header[k] for k in kept]
     for name in header:
         if name not in (*known, *ways, *acting):
             expected = "t, u.INPUT, q.JOINT, tip.x, tip.y, tip.z, length.TENDON, point.MARKER.x,"
             expected += " pose.MARKER.rx or measured.SENSOR, of this robot and its markers"
             raise InputError(f"{path}: header", expected, did_you_mean(name, known))
     timed = not static or "t" in header
-    once(path, header, ("t", *inputs) if timed else inputs)
-    if len(set(header)) < len(header):
-        raise InputError(str(path), "each column once", "one that is there twice")
-    table = numbers(path, header, [[row[k] for k in kept] for row in rows], GAPS)
+    file.once(("t", *inputs) if timed else inputs)
+    table = file.numbers(header, GAPS)
     column = {name: table[:, k] for k, name in enumerate(header)} if len(table) else {}
     names = tuple(name for name in known[1 + len(inputs) :] if name in header)
     if not names or not column:
@@ -313,12 +299,12 @@ def read_csv(
         times = column["t"] if timed else np.arange(float(len(table)))
         way = None
         if any(name in column for name in ways):
-            once(path, header, ways)
+            file.once(ways)
             way = np.stack([column[name] for name in ways], 1)
         data = Measurements(times, u, names, values, way)
         check_data(model, data)
     step = float(np.median(np.diff(data.t)))
-    if step >= SLOW and "t (s)" not in titles and not static:
+    if step >= SLOW and "t (s)" not in file.titles and not static:
         expected = f"seconds, or the title t (s) where samples are {step:g} s apart"
         raise InputError(f"{path}: column t", expected, f"steps of {step:g}: milliseconds?")
     return data

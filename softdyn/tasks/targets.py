@@ -12,9 +12,8 @@ import numpy as np
 
 from softdyn.checks import array, instance, length, number
 from softdyn.copies import Frozen
-from softdyn.csv_columns import columns, numbers, once
+from softdyn.csv_table import CsvTable
 from softdyn.exceptions import InputError, errors_in
-from softdyn.files import as_path
 from softdyn.references import Reference
 from softdyn.tasks.rotations import log3
 
@@ -345,12 +344,13 @@ def recorded_paths(path: str | Path) -> dict[str, Waypoints | Turns | Poses]:
         For a file that cannot be read, columns that are none of these or not complete, entries that
         are no numbers, or times that do not increase.
     """
-    file = str(as_path("path", path))
-    _, names, rows = columns(file)
-    once(file, names, ["t", *(name for name in names if name != "t")])
-    if len(names) < 2 or len(rows) < 2:
-        raise InputError(file, "columns t, NAME.x … and two rows", f"{names}, {len(rows)} rows")
-    table = dict(zip(names, numbers(file, names, rows).T, strict=True))
+    read = CsvTable(path)
+    file, names = read.path, ["t", *(name for name in read.names if name != "t")]
+    read.once(names)
+    if len(names) < 2 or len(read) < 2:
+        got = f"{read.names}, {len(read)} rows"
+        raise InputError(file, "columns t, NAME.x … and two rows", got)
+    table = dict(zip(names, read.numbers(names).T, strict=True))
     with errors_in(file):
         return _paths(file, table.pop("t"), table)
 

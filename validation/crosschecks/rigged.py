@@ -18,6 +18,7 @@ import numpy as np
 
 import softdyn
 from softdyn.actuation import Capstan, Winches
+from softdyn.actuation.drives import lag_shares
 from softdyn.description.rig import CommandKind, Sensor, SensorKind
 from softdyn.description.robot import Robot
 from softdyn.dynamics.model import SoftModel, State
@@ -53,7 +54,7 @@ def quantities_of(model: SoftModel) -> tuple[str, ...]:
     apart = trajectories.damping_couples_branches(
         model, model.q0, np.zeros(model.nv), _winch_damping(robot)
     )
-    rubs = any(tendon.friction for tendon in robot.tendons)
+    rubs = any(tendon.rubs for tendon in robot.tendons)
     pulled = bool(_pulled(robot))
     there = winds, pulled, pulled, rubs, bool(robot.sensors), moved and not apart
     return tuple(name for name, has in zip(RIG_SCALES, there, strict=True) if has)
@@ -153,7 +154,7 @@ class RigStates:
         qdd = model.forward_dynamics(q, v, u)
         if _pulled(model.robot):
             yield "rigged qdd", qdd, judge.accelerations(), 1.0
-        if any(tendon.friction for tendon in model.robot.tendons):
+        if any(tendon.rubs for tendon in model.robot.tendons):
             guides = self.capstan.at(state)
             tensions, numbers, forces = judge.rubbing()
             pull = float(np.abs(guides.pull(u)).max(initial=0.0))
@@ -217,7 +218,7 @@ class RigMotion:
         self._speeds = np.array([a.command is CommandKind.VELOCITY for a in actuators], bool)
         lags = np.array([a.lag for a in actuators])
         self._lagging = (lags > 0) & ~self._speeds
-        self._gain = np.where(lags > 0, -np.expm1(-h / np.where(lags > 0, lags, 1.0)), 1.0)
+        self._gain = 1.0 - lag_shares(h, lags)[0]
         self._most = h * np.array([a.rate for a in actuators])
         self._held, waiting = held.copy(), np.where(self._speeds, 0.0, held)
         self._allowed, self._rate = waiting, np.zeros_like(held)

@@ -22,7 +22,7 @@ from softdyn.validation.live.ghost import Ghost
 from softdyn.validation.live.menu import Make, make_law
 from softdyn.validation.live.push import Hand, hand_stiffness
 from softdyn.validation.loop.arguments import RunOptions, starting_pose
-from softdyn.validation.loop.loop import Loop
+from softdyn.validation.loop.loop import ControlLoop
 from softdyn.validation.loop.observation import make_observer
 from softdyn.validation.loop.plants import plant_of
 from softdyn.validation.loop.time_grid import TimeGrid
@@ -70,7 +70,7 @@ class ByHand:
 
 
 class Session:
-    """A `Loop` of a robot's twin behind its rig, changed by messages.
+    """A `ControlLoop` of a robot's twin behind its rig, changed by messages.
 
     A fault pauses the session, with the reason in `shown.notice`: the plant diverges, or the
     controller raises or returns no input. Another message can repair it.
@@ -99,7 +99,7 @@ class Session:
     ----------
     shown : PageState
         The state on the pages; `changed` is True when it has changed, until the caller resets it.
-    loop : Loop
+    loop : ControlLoop
         What is stepped.
     limits : Limits
         Limits of the messages.
@@ -148,7 +148,7 @@ class Session:
         self._ghost: Ghost | None = None
         self.trace = ""
         plant = self._built(self._mismatch, *self._at_rest())
-        self.loop = Loop(model, plant, None, make_observer(model, self._wanted, observer))
+        self.loop = ControlLoop(model, plant, None, make_observer(model, self._wanted, observer))
         self._zero, self._by_hand = self.loop.u, ByHand(self.loop.u)
         self.loop.take(self._by_hand)
         self.shown, self.changed = PageState(OPEN_LOOP, inputs=self._zero.tolist()), True

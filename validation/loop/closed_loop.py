@@ -14,7 +14,7 @@ from softdyn.checks import array, beyond
 from softdyn.copies import Separate
 from softdyn.description.robot import input_unit
 from softdyn.dynamics.model import check_model
-from softdyn.validation.channels import Channel
+from softdyn.validation.channels import LogChannel
 from softdyn.validation.loop import verdict
 from softdyn.validation.loop.arguments import (
     ReferenceLike,
@@ -35,7 +35,7 @@ from softdyn.validation.loop.experiment import (
 )
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.logged_robot import LoggedRobot
-from softdyn.validation.loop.loop import Loop
+from softdyn.validation.loop.loop import ControlLoop
 from softdyn.validation.loop.observation import make_observer
 from softdyn.validation.loop.plants import Plant, plant_of, timestep_of
 from softdyn.validation.loop.record import (
@@ -54,7 +54,7 @@ OnStep = Callable[[float, State, ControllerOutput], None]
 
 
 class ClosedLoop(Separate):
-    """A `Loop` that follows a reference for a planned time, and its record.
+    """A `ControlLoop` that follows a reference for a planned time, and its record.
 
     `control` reads the plant and asks the controller for the input of a period, which is clipped to
     the robot's bounds. `advance` holds it. `step` does both, `run` repeats it to the end.
@@ -85,7 +85,7 @@ class ClosedLoop(Separate):
 
     Attributes
     ----------
-    loop : Loop
+    loop : ControlLoop
         What is stepped.
     model, controller, name, surroundings
         As above.
@@ -145,7 +145,7 @@ class ClosedLoop(Separate):
         warn_of_fast_springs(model, model.state(q, v).M, self.grid.timestep)
         plant = plant_of(model, options, self.grid.period, self.grid.timestep)
         observer = make_observer(model, options.rig, options.observer)
-        self.loop = Loop(model, plant, controller, observer)
+        self.loop = ControlLoop(model, plant, controller, observer)
         try:
             plant.start(q, v)
         except SimulationError as error:
@@ -154,7 +154,7 @@ class ClosedLoop(Separate):
         self._record = Recorder(model, self.grid.times(), self.loop.channels)
         if self.surroundings is not None:
             barriers = [(name, "m") for name in self.surroundings.names]
-            self._record.add(Channel.of("reserve", barriers))
+            self._record.add(LogChannel.of("reserve", barriers))
         if hasattr(controller, "reset"):
             controller.reset(self.grid.period)
         if self.loop.observation is not None:
@@ -310,20 +310,12 @@ class ClosedLoop(Separate):
         (not_solved, fallbacks, violation), fault = self._counts.told()
         reason = self.reason or fault
         steps = self.steps if self.done else max(self._record.samples - 1, 0)
-        recorded: dict[str, Any] = {**self._record.arrays(steps), **self.plant.settings}
-        recorded |= {"u_min": model.u_min, "u_max": model.u_max}
-        channels = self._record.channels
-        for name, prefix in (("measured", "sensor"), ("disturbances", "disturbance")):
-            if name in channels:
-                recorded[f"{prefix}_names"] = channels[name].columns
-                recorded[f"{prefix}_units"] = channels[name].units
-        if "command" in channels:
-            recorded["command_units"] = channels["command"].units
-        recorded |= self._record.task_errors(steps, controller, self.reference)
-        if self.surroundings is not None:
-            recorded["obstacles"] = self.surroundings.table
+        more, marks = self._record.of_tasks(steps, controller, self.reference)
+        channels = [*self._record.filled(steps), *more]
         return Log(
-            **recorded,
+            {channel.name: channel for channel in channels},
+            u_min=model.u_min,
+            u_max=model.u_max,
             u_unit=input_unit(model.robot),
             robot=model.bundled or model.name,
             controller=self.name,
@@ -334,7 +326,6 @@ class ClosedLoop(Separate):
             period=self.grid.period,
             timestep=self.grid.timestep,
             length=self._length if self._length > 0 else None,
-            joint_names=model.joint_names,
             complete=self._complete,
             failed=reason is not None,
             reason=reason,
@@ -346,7 +337,10 @@ class ClosedLoop(Separate):
             ),
             versions=dict(package_versions()),
             source=LoggedRobot.of(model),
+            marks=marks,
+            obstacles=None if self.surroundings is None else self.surroundings.table,
             start=self.start,
+            **self.plant.settings,
         )
 
     def _end(self, reason: str | None, complete: bool = False) -> None:

@@ -13,12 +13,12 @@ from softdyn import InputError, SoftModel, State
 from softdyn.controllers.controller import guard_of, waiting
 from softdyn.copies import Separate
 from softdyn.estimation import Observer
-from softdyn.validation.channels import Channel
+from softdyn.validation.channels import LogChannel
 from softdyn.validation.loop.observation import Observation
 from softdyn.validation.loop.plants import Plant
 
 
-class Loop(Separate):
+class ControlLoop(Separate):
     """A controller, a plant, and maybe an observer between them.
 
     In a period, `read` gives the plant's state to `model.state`, `decide` asks the controller for
@@ -75,7 +75,7 @@ class Loop(Separate):
         self.u, self.nanoseconds = np.clip(np.zeros(model.nu), model.u_min, model.u_max), 0
 
     @property
-    def channels(self) -> tuple[Channel, ...]:
+    def channels(self) -> tuple[LogChannel, ...]:
         """The quantities that the plant and the observer record."""
         return self.plant.channels + (() if self.observation is None else self.observation.channels)
 

@@ -12,7 +12,7 @@ from softdyn import InputError, SoftModel, State
 from softdyn.controllers.registry import find_controller, is_own, one_line_errors
 from softdyn.estimation import Ekf, Observer
 from softdyn.exceptions import errors_in
-from softdyn.validation.channels import Channel
+from softdyn.validation.channels import LogChannel
 from softdyn.validation.loop.plants import Plant
 from softdyn.validation.twin.rig import Rig, rig_of
 
@@ -38,7 +38,7 @@ class Observation:
         As above.
     nanoseconds : int
         Time that the last estimate took.
-    channels : tuple of Channel
+    channels : tuple of LogChannel
         The estimated disturbances and their deviations.
     values : dict of str to ndarray, (nd,)
         The last of these, by the channels' names.
@@ -64,7 +64,7 @@ class Observation:
         units: dict[str, str] = getattr(observer, "disturbance_units", {})
         self._count = len(units)
         titles = {"disturbances": "estimated", "deviations": "deviation"} if units else {}
-        self.channels = tuple(Channel.of(n, units.items(), title) for n, title in titles.items())
+        self.channels = tuple(LogChannel.of(n, units.items(), title) for n, title in titles.items())
         self.values: dict[str, np.ndarray] = {}
 
     def reset(self) -> None:

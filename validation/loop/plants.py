@@ -10,7 +10,7 @@ import numpy as np
 
 from softdyn import InputError, SoftModel, State
 from softdyn.copies import Separate
-from softdyn.validation.channels import Channel
+from softdyn.validation.channels import LogChannel
 from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.rig import RiggedPlant, rig_of
@@ -28,7 +28,7 @@ class Plant(Protocol):
 
     Attributes
     ----------
-    channels : tuple of Channel
+    channels : tuple of LogChannel
         The quantities that `sample` and `advance` give, by name. Readings are ``measured``. With
         ``q_seen`` and ``v_seen`` the loop records the state that the controller saw.
     settings : Mapping of str to Any
@@ -42,7 +42,7 @@ class Plant(Protocol):
     """
 
     @property
-    def channels(self) -> tuple[Channel, ...]: ...  # noqa: D102
+    def channels(self) -> tuple[LogChannel, ...]: ...  # noqa: D102
     @property
     def settings(self) -> Mapping[str, Any]: ...  # noqa: D102
     @property
@@ -96,7 +96,7 @@ class IdealPlant(Separate):
         As above. The others are those of `Plant`.
     """
 
-    channels: tuple[Channel, ...] = ()
+    channels: tuple[LogChannel, ...] = ()
     real_time = alters_states = False
     sent = np.zeros(0)
 

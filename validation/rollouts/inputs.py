@@ -15,7 +15,7 @@ import numpy as np
 
 from softdyn import InputError, SoftModel
 from softdyn.checks import array, beyond, did_you_mean, length, number
-from softdyn.csv_columns import columns, numbers, once
+from softdyn.csv_table import CsvTable
 from softdyn.description.rig import CommandKind
 from softdyn.validation.loop.experiment import DEFAULT_PERIOD
 from softdyn.validation.loop.time_grid import TimeGrid
@@ -184,25 +184,23 @@ def read_inputs(path: str | Path, model: SoftModel, rig: Rig | str | None = None
         rig, commands in another unit, a cell that is no finite number, times that jump.
     """
     inputs = [actuator.name for actuator in model.robot.actuators]
-    titles, header, rows = columns(path)
+    file = CsvTable(path)
     for kind in ("u.", "command."):
         known = [kind + name for name in inputs]
-        for name in header:
+        for name in file.names:
             if name.startswith(kind) and name not in known:
                 expected = ", ".join(["t", *known])
                 raise InputError(f"{path}: header", expected, did_you_mean(name, known))
     commands = tuple(
         name for name in inputs
-        if f"command.{name}" in header and (rig is not None or f"u.{name}" not in header)
+        if f"command.{name}" in file.names and (rig is not None or f"u.{name}" not in file.names)
     )  # fmt: skip
     if commands:
-        _check_commands(path, titles, commands, model, rig)
+        _check_commands(path, file.titles, commands, model, rig)
     names = ["t", *(f"command.{name}" if name in commands else f"u.{name}" for name in inputs)]
-    once(path, header, names)
-    kept = [header.index(name) for name in names]
-    if len(rows) < 2:
-        raise InputError(str(path), "two rows or more", f"{len(rows)}")
-    table = numbers(path, names, [[row[k] for k in kept] for row in rows])
+    table = file.numbers(names)
+    if len(table) < 2:
+        raise InputError(str(path), "two rows or more", f"{len(table)}")
     t = table[:, 0]
     hold = (t[-1] - t[0]) / (len(t) - 1)
     late = np.flatnonzero(~(np.abs(np.diff(t, prepend=-hold) - hold) <= EVEN * hold))

@@ -17,7 +17,7 @@ from softdyn.copies import Separate
 from softdyn.description.rig import LONGEST_DELAY, SMALLEST_WINCH, CommandKind, Sensor
 from softdyn.description.robot import MOST_FRICTION, Robot, Tendon
 from softdyn.toml_table import TomlTable
-from softdyn.validation.channels import Channel, inputs, positions, rates
+from softdyn.validation.channels import LogChannel, inputs, positions, rates
 from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.readings import Readings, command_units, component_units
 from softdyn.validation.twin.state_map import StateMap
@@ -258,7 +258,7 @@ class RiggedPlant(Separate):
         The plant.
     readings : Readings
         Its sensors.
-    channels : tuple of Channel
+    channels : tuple of LogChannel
         The quantities that it records.
     settings : dict of str to Any
         The fields of a log that it states.
@@ -286,11 +286,13 @@ class RiggedPlant(Separate):
         self._zero = np.clip(0.0, model.u_min, model.u_max)
         names = [actuator.name for actuator in robot.actuators]
         self.channels = (
-            Channel.of("command", zip(names, command_units(robot), strict=True), held=True),
-            Channel.of("acting", inputs(model)),
-            Channel.of("measured", zip(self.readings.names, component_units(robot), strict=True)),
-            Channel.of("q_seen", positions(model), held=True),
-            Channel.of("v_seen", rates(model), held=True),
+            LogChannel.of("command", zip(names, command_units(robot), strict=True), held=True),
+            LogChannel.of("acting", inputs(model)),
+            LogChannel.of(
+                "measured", zip(self.readings.names, component_units(robot), strict=True)
+            ),
+            LogChannel.of("q_seen", positions(model), held=True),
+            LogChannel.of("v_seen", rates(model), held=True),
         )
 
     def start(

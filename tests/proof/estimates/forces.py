@@ -1,4 +1,4 @@
-"""Force and payload at the tip, estimated from lengths and a camera: docs/your_rig.md."""
+"""Force and payload at the tip, estimated from lengths and a camera: docs/rigs.md."""
 
 from __future__ import annotations
 

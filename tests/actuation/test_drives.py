@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import softdyn
+from softdyn.actuation.drives import Drives
 from softdyn.description.rig import CommandKind
-from softdyn.estimation.drives import Drives
 
 FINE = 1e-5
 SENT = [(0.0, 0.4), (0.01, -0.7), (0.02, 0.2), (0.03, 0.9), (0.04, 0.9)]
@@ -29,7 +29,7 @@ def test_means_over_uneven_steps(lag, delay, rate, speed):
             "command": CommandKind.VELOCITY, "stiffness": 1e3, "gear": -1.0, "lower": 0.0,
         }  # fmt: skip
     model = softdyn.build(replace(model.robot, actuators=(replace(first, **changes), second)))
-    drives = Drives(model)
+    drives = Drives.of(model)
     state = model.state(model.q0, np.zeros(4))
     drives.reset(state, np.zeros(2), 0.0)
     free = drives._free[0]
@@ -59,7 +59,7 @@ def test_commands_are_forgotten_where_every_step_is_a_gap():
     model = softdyn.load("finger")
     actuators = tuple(replace(one, delay=0.02) for one in model.robot.actuators)
     model = softdyn.build(replace(model.robot, actuators=actuators))
-    drives = Drives(model)
+    drives = Drives.of(model)
     drives.reset(model.state(model.q0, np.zeros(4)), np.zeros(2), 0.0)
     for k in range(100):
         drives.send(float(k), np.full(2, k / 100))

@@ -1,0 +1,155 @@
+"""The law of a drive: from the commands that are sent to the values that act.
+
+A command passes first through the delay, then through the bound on its rate, then through the lag
+λ. With the driven value c and the acting value a at the begin of a span of length T,
+
+    a⁺ = c + (a - c) e^(-T/λ),    mean(a) = c + (a - c) (1 - e^(-T/λ)) λ / T.
+
+While a rate is at its bound, c is the middle of the values that it passes. The speed command of a
+winch is integrated to its free length.
+
+Controllers, the observer and plans use this law. The twin's drives are MuJoCo's own.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from operator import itemgetter
+from typing import Any
+
+import numpy as np
+
+from softdyn.description.rig import CommandKind
+from softdyn.dynamics.model import SoftModel, State
+from softdyn.dynamics.winches import Winches
+
+SAME = 1e-9  # s; times this close are one
+
+
+def lag_shares(span: Any, lag: Any) -> tuple[np.ndarray, np.ndarray]:
+    """The shares of a - c that are left after a span (s) and in its mean: e^(-T/λ) and its mean.
+
+    Both are zero where the lag (s) is zero.
+    """
+    with np.errstate(divide="ignore"):
+        ratio = np.divide(span, lag)
+    return np.exp(-ratio), -np.expm1(-ratio) / ratio
+
+
+class Drives:
+    """The acting values of a robot's motors, over spans of any length.
+
+    Parameters
+    ----------
+    lag, delay, rate : array_like, (m,)
+        Time constant (s), delay (s) and largest rate of change of each command (1/s).
+    winches : Winches, optional
+        The winches; needed where a speed is commanded.
+    speeds : ndarray of bool, (m,), optional
+        Whether each command is the speed of a winch.
+
+    Attributes
+    ----------
+    acting : ndarray, (m,)
+        The value of each motor that acts now; of a commanded speed, that speed.
+    """
+
+    def __init__(
+        self,
+        lag: Any,
+        delay: Any,
+        rate: Any,
+        winches: Winches | None = None,
+        speeds: np.ndarray | None = None,
+    ) -> None:
+        self._lag, delays, self._rate = (np.array(one, float) for one in (lag, delay, rate))
+        self._speeds = np.zeros(len(self._lag), bool) if speeds is None else speeds
+        self._winches, self._longest = winches, float(delays.max(initial=0.0))
+        # each delay with the motors that have it; None means all of them
+        self._delays = [(float(one), delays == one) for one in np.unique(delays)]
+        if len(self._delays) == 1:
+            self._delays = [(self._longest, None)]
+        self._bounded = bool(np.isfinite(self._rate).any())
+        self._winds = bool(self._speeds.any())
+        self._ideal = not (self._lag.any() or delays.any() or self._winds or self._bounded)
+
+    @classmethod
+    def of(cls, model: SoftModel) -> Drives:
+        """The motors of a robot's file."""
+        actuators = model.robot.actuators
+        lag, delay, rate = (
+            [getattr(actuator, name) for actuator in actuators] for name in ("lag", "delay", "rate")
+        )
+        speeds = np.array([a.command is CommandKind.VELOCITY for a in actuators], bool)
+        return cls(lag, delay, rate, Winches(model), speeds)
+
+    def copy(self) -> Drives:
+        """The same motors, which go on apart from these."""
+        other = object.__new__(Drives)
+        vars(other).update(vars(self), _sent=list(self._sent))
+        return other
+
+    def begin(self, acting: np.ndarray, t: float) -> None:
+        """Begin at time t (s) with values (m,) that have acted for long."""
+        self.acting = self._limited = acting
+        self._sent = [(t - self._longest - 1.0, acting)]
+
+    def reset(self, state: State, u: np.ndarray, t: float) -> None:
+        """Begin at a state, with inputs u (m,) that have acted for long, at time t (s)."""
+        assert self._winches is not None
+        self._free = self._winches.commands(state, u)
+        self.begin(np.where(self._speeds, 0.0, self._free), t)
+
+    def send(self, t: float, commands: np.ndarray) -> None:
+        """The commands (m,) that are sent at time t (s), the begin of a span or before it."""
+        while len(self._sent) > 1 and self._sent[1][0] + self._longest <= t:
+            del self._sent[0]
+        self._sent.append((t, commands.copy()))
+
+    def over(self, begin: float, end: float) -> np.ndarray:
+        """Mean acting values (m,) over the next span (s): u, or free lengths of winches."""
+        if self._ideal:
+            self.acting = self._sent[-1][1]
+            return self.acting
+        mean = np.zeros(len(self._lag))
+        for delay, mask in self._delays:
+            last = bisect_right(self._sent, begin + SAME - delay, key=itemgetter(0)) - 1
+            at = begin
+            for k in range(max(last, 0), len(self._sent)):
+                until = end
+                if k + 1 < len(self._sent):
+                    until = min(self._sent[k + 1][0] + delay, end)
+                if until > at + SAME:
+                    part = self._piece(mask, self._sent[k][1], until - at)
+                    mean += part * ((until - at) / (end - begin))
+                    at = until
+                if until == end:
+                    break
+        return self._wound(mean, end - begin) if self._winds else mean
+
+    def _piece(self, mask: np.ndarray | None, target: np.ndarray, span: float) -> np.ndarray:
+        """Mean acting values (m,) of the motors of `mask` while their target is constant."""
+        reached = driven = target
+        if self._bounded:
+            reach = self._rate * span
+            reached = self._limited + np.clip(target - self._limited, -reach, reach)
+            driven = np.where(np.isinf(reach), target, 0.5 * (self._limited + reached))
+        left, in_mean = lag_shares(span, self._lag)
+        gap = self.acting - driven
+        after, mean = driven + gap * left, driven + gap * in_mean
+        if self._bounded:
+            after = np.where(self._lag > 0, after, reached)
+        if mask is not None:
+            reached = np.where(mask, reached, self._limited)
+            after = np.where(mask, after, self.acting)
+            mean = np.where(mask, mean, 0.0)
+        self._limited, self.acting = reached, after
+        return mean
+
+    def _wound(self, mean: np.ndarray, span: float) -> np.ndarray:
+        """The mean values with the free lengths of winches in place of their speeds."""
+        assert self._winches is not None
+        before = self._free
+        after = np.clip(before + mean * span, self._winches.lower, self._winches.upper)
+        self._free = np.where(self._speeds, after, before)
+        return np.where(self._speeds, 0.5 * (before + after), mean)

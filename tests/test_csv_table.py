@@ -1,0 +1,43 @@
+"""`CsvTable`: columns by their names, and errors that name the line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softdyn import InputError
+from softdyn.csv_table import CsvTable
+
+
+def table(folder: Path, text: str) -> CsvTable:
+    file = folder / "data.csv"
+    file.write_text(text)
+    return CsvTable(file)
+
+
+def test_columns_in_any_order_with_gaps(tmp_path: Path) -> None:
+    found = table(tmp_path, "t (s),note,measured.a (m)\n0,first,1\n\n1,second,\n")
+    assert (found.names, len(found)) == (["t", "note", "measured.a"], 2)
+    assert found.titles[2] == "measured.a (m)"
+    values = found.numbers(["measured.a", "t"], ("measured.",))
+    np.testing.assert_array_equal(values, [[1, 0], [np.nan, 1]])
+    assert table(tmp_path, "t,x\n").numbers(["x", "t"]).shape == (0, 2)
+    assert table(tmp_path, "").names == []
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("t,x\n0,1\n\n\n1,no\n", "data.csv:5: column x: expected a finite number, got 'no'"),
+        ("t,x\n0,1\n\n1\n", "data.csv:4: expected 2 cells, got 1"),
+        ("t,x\n0,\n", "data.csv:2: column x: expected a finite number, got ''"),
+        ("t,x,x\n0,1,2\n", "data.csv: expected one column x, got 2 of them"),
+        ("t (ms),x\n", "data.csv: header: expected t in s, got 't (ms)'"),
+    ],
+)
+def test_a_bad_file_is_one_line(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        table(tmp_path, text).numbers(["t", "x"])
+    assert said in str(caught.value)
