@@ -119,7 +119,7 @@ def copy_examples(arguments: cli.Arguments) -> int:
     for source in sources:
         write_text(target / source.name, source.read_text(encoding="utf-8"))
     copied = [str(target / source.name) for source in sources]
-    text = "\n".join([*copied, f"first: python {target / 'tour.py'}"])
+    text = "\n".join([*copied, f"first, in Jupyter: {target / 'tour.ipynb'}"])
     cli.write_report({"files": copied}, arguments.json, text)
     return cli.PASSED
 

@@ -88,7 +88,6 @@ def make_session(arguments: cli.Arguments) -> Any:
     from softdyn.validation import paper
     from softdyn.validation.live.menu import menu_of
     from softdyn.validation.live.session import Session
-    from softdyn.validation.loop.observation import make_observer
     from softdyn.view.live.messages import OPEN_LOOP
 
     model = cli.load_robot(arguments)
@@ -98,13 +97,12 @@ def make_session(arguments: cli.Arguments) -> Any:
     own = controllers_of(arguments, first, around)
     if arguments.target is not None:
         paper.check_reach(model, arguments.target)
-    menu, rig, observer = menu_of(model, own, around), make_rig(arguments.rig, model), None
-    if arguments.observer is not None:
-        observer = make_observer(model, rig, arguments.observer)
+    menu, rig = menu_of(model, own, around), make_rig(arguments.rig, model)
     with naming(model):
         session = Session(
             model, menu, law, period=arguments.period, target=arguments.target,
-            rig=rig, observer=observer, tasks=tasks_for(model, arguments.task), surroundings=around,
+            rig=rig, observer=arguments.observer, tasks=tasks_for(model, arguments.task),
+            surroundings=around,
         )  # fmt: skip
     note = cli.best_note(model, law, arguments.gains)
     if note:

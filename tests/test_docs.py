@@ -9,7 +9,6 @@ import importlib
 import io
 import json
 import re
-import runpy
 import shlex
 import subprocess
 import sys
@@ -17,8 +16,10 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from pathlib import Path
 
+import nbformat
 import numpy as np
 import pytest
+from nbclient import NotebookClient
 
 from softdyn.commands.__main__ import COMMANDS
 from softdyn.validation import Log
@@ -209,13 +210,20 @@ def test_your_own_controller(follow: Follow, tmp_path: Path) -> None:
     assert broken.endswith("exit code 1\n")
 
 
-def test_the_tour_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
-    monkeypatch.setenv("MPLBACKEND", "Agg")
-    runpy.run_path(str(ROOT / "docs/examples/tour.py"), run_name="__main__")
-    printed = capsys.readouterr().out
+def test_the_notebook_runs_as_it_stands_and_shows_the_viewer_inside(tmp_path: Path) -> None:
+    notebook = nbformat.read(ROOT / "docs/examples/tour.ipynb", as_version=4)
+    NotebookClient(notebook, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    cells = [cell.outputs for cell in notebook.cells if cell.cell_type == "code"]
+    printed = "".join(one.text for outputs in cells for one in outputs if "text" in one)
     errors = [float(x) for x in re.findall(r"mean squared error ([\d.]+)", printed)]
     assert len(errors) == 2
     assert all(error < 2 for error in errors)
+    shown = [kind for outputs in cells for one in outputs for kind in one.get("data", ())]
+    assert shown.count("image/png") == 1
+    pages = [one.data["text/html"] for outputs in cells for one in outputs
+             if "text/html" in one.get("data", ())]  # fmt: skip
+    assert len(pages) == 2
+    assert all(page.startswith("<iframe srcdoc=") for page in pages)
 
 
 def test_files_that_the_readme_names_exist() -> None:

@@ -1,7 +1,9 @@
 """MuJoCo as the judge: the twin, cross-checks, closed loops and their figures.
 
 - `twin`: the MuJoCo plant, built from the URDF by its own path; MuJoCo's solver settings
-- `loop`: the closed loop of a controller and the twin, and its log
+- `loop`: the loop of a controller and a plant, and its log
+- `simulate`: one closed loop in one call
+- `bench`: a real rig in place of the twin: its driver, the clock, the fail-safe; `drive`
 - `rollouts`: motions under given inputs, without a controller
 - `mjcf`: MJCF files: compared with a URDF, written, used as the plant
 - `crosschecks`: the model's terms, trajectories and equilibria against MuJoCo's
@@ -12,6 +14,7 @@
 - `live`: a plant and a controller in front of live pages; `play`
 - `report`: figures and pages
 - `inputs`: the files that a command reads
+- `channels`: the quantities that a run records
 - `files`, `arrays`, `processes`, `plain_data`, `tables`: files that appear whole, NPZ files of any
   origin, runs in processes, values as JSON, tables of text
 

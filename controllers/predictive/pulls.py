@@ -18,7 +18,7 @@ from switching the friction:
     d_i = s_i / √(s_i² + w_i²),    w_i = `REST` Σ_j |∂L_i/∂q_j|.
 
 Controllers that estimate no disturbance gain most. Twice the true μ makes them chatter about rests
-(`docs/your_rig.md`).
+(`docs/rigs.md`).
 """
 
 from __future__ import annotations

@@ -11,6 +11,8 @@ from dataclasses import dataclass, fields
 from enum import Enum
 from functools import cached_property
 
+import numpy as np
+
 from softdyn.description.inertia import ZERO, Origin, Vector
 
 LONGEST_DELAY = 10.0  # s
@@ -144,12 +146,13 @@ class SensorKind(Enum):
         return 6 if self is SensorKind.POSE else 3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Sensor:
     """A sensor on a tendon, at a frame on a link, or on a joint.
 
     A reading is the true value of `latency` seconds ago, plus `bias`, plus white Gaussian noise,
-    rounded to a multiple of `resolution`.
+    rounded to a multiple of `resolution`. On a real rig `softdyn drive` stops at a reading that is
+    not within [lower, upper].
 
     Attributes
     ----------
@@ -173,6 +176,8 @@ class Sensor:
         Age of a reading when it arrives (s), at most 10 s.
     resolution : tuple of float
         Step between possible readings. 0 does not round. One number or several.
+    lower, upper : tuple of float
+        Limits of a reading, in its unit. One number or several.
     """
 
     name: str
@@ -187,6 +192,18 @@ class Sensor:
     rate: float = 0.0
     latency: float = 0.0
     resolution: tuple[float, ...] = (0.0,)
+    lower: tuple[float, ...] = (-math.inf,)
+    upper: tuple[float, ...] = (math.inf,)
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether some reading has a limit."""
+        return bool(np.isfinite((*self.lower, *self.upper)).any())
+
+    def __repr__(self) -> str:
+        """Name the limits only if there are any: robots without keep their digest."""
+        shown = fields(self) if self.is_limited else fields(self)[:-2]
+        return f"Sensor({', '.join(f'{part.name}={getattr(self, part.name)!r}' for part in shown)})"
 
     @cached_property
     def origin(self) -> Origin:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from softdyn.description.rig import (
     LONGEST_DELAY,
     SMALLEST_WINCH,
@@ -33,7 +35,7 @@ PLACES = {
     SensorKind.JOINT: ("joint",),
 }
 """The attributes that place each kind of sensor."""
-ERRORS = ("noise", "bias", "rate", "latency", "resolution")
+ERRORS = ("noise", "bias", "rate", "latency", "resolution", "lower", "upper")
 
 
 def moving_joint(element: Element, joints: Mapping[str, Joint], attribute: str = "name") -> Joint:
@@ -160,11 +162,17 @@ def read_sensor(
     for name, values in (("noise", noise), ("resolution", resolution)):
         if min(values) < 0:
             raise element.error(f"{name} >= 0", min(values))
+    lower = element.components("lower", kind.size, -math.inf)
+    upper = element.components("upper", kind.size, math.inf)
+    if (np.broadcast_to(lower, kind.size) >= np.broadcast_to(upper, kind.size)).any():
+        got = " ".join(f'{name}="{element.node.get(name)}"' for name in ("lower", "upper"))
+        raise element.error("lower < upper", got)
     return Sensor(
         element.text("name"), kind, tendon, link, joint,
         element.vector("xyz", ZERO), element.vector("rpy", ZERO),
         noise=noise, bias=bias, resolution=resolution,
         rate=element.non_negative("rate"), latency=_delay(element, "latency"),
+        lower=lower, upper=upper,
     )  # fmt: skip
 
 

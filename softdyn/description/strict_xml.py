@@ -115,10 +115,10 @@ class Element:
         x, y, z = (self.to_number(word, attribute) for word in words)
         return x, y, z
 
-    def components(self, attribute: str, size: int) -> tuple[float, ...]:
-        """One finite number, or `size` of them; 0 by default."""
+    def components(self, attribute: str, size: int, default: float = 0.0) -> tuple[float, ...]:
+        """One finite number, or `size` of them."""
         if self.node.get(attribute) is None:
-            return (0.0,)
+            return (default,)
         words = self._words(attribute)
         if len(words) not in (1, size):
             expected = "one number" if size == 1 else f"one number or {size}"

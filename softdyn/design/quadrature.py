@@ -2,7 +2,7 @@
 
 A slender rod under the moment m(s) turns by ∫ m ds / EI. Joints at s_i with the compliances
 w_i / EI(s_i) approximate this integral by a sum: s_i and w_i are the nodes and weights of a
-quadrature rule. ``docs/design.md`` has the measured cost and accuracy of each rule.
+quadrature rule. ``docs/rods.md`` has the measured cost and accuracy of each rule.
 """
 
 from __future__ import annotations

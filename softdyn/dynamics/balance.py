@@ -157,6 +157,7 @@ class ForceBalance:
         self._joints = np.column_stack((tree.stiffness, tree.rest, tree.damping))
         self._gears = np.zeros((len(tree.tendons.names), tree.nu))
         self._gears[tree.actuated, np.arange(tree.nu)] = tree.gear
+        self._wraps = tree.tendons.wraps
         self._slope, self._none = -self._gears, np.zeros(len(self._gears))
 
     def __call__(
@@ -219,6 +220,8 @@ class ForceBalance:
             r, by_q, by_v, coordinates, v, self._joints, arms, pull.force, pull.gain, pull.damping,
             *kinematics, *tree.tendons.segments,
         )  # fmt: skip
+        if self._wraps:
+            self._wraps.add_compliance(by_q, pull.force, pull.damping, arms, v, *kinematics)
         by_d = np.zeros((n, self._size))
         terms = BalanceTerms(r, by_q, by_v, M, arms.T @ pull.slope, by_d, pull.inputs)
         if self._size:

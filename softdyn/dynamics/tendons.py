@@ -17,6 +17,9 @@ segment's entry (j, k) of the moment arms' gradient ∂²ℓ/∂q² is
 
 Joint j is the one nearer to the base. The second term counts only if both joints move the same end
 of the segment, because joint j then rotates the column c_k.
+
+Two sites with a round body between them are no segment, but a piece of
+`softdyn.dynamics.wrapped_paths`.
 """
 
 from __future__ import annotations
@@ -30,6 +33,7 @@ import numpy as np
 
 from softdyn.compiled import compiled
 from softdyn.description.robot import Tendon
+from softdyn.dynamics.wrapped_paths import WrappedPaths, compile_wraps
 
 TINY = 2.2250738585072014e-308  # avoids 0/0: a segment of length zero gets the direction zero
 
@@ -71,6 +75,8 @@ class Tendons:
         The segments of the spatial tendons.
     spatial : bool
         Whether any tendon's moment arms depend on q.
+    wraps : WrappedPaths
+        The pieces of the spatial tendons around round bodies.
     """
 
     names: tuple[str, ...]
@@ -78,6 +84,7 @@ class Tendons:
     offset: np.ndarray
     segments: Segments
     spatial: bool
+    wraps: WrappedPaths
 
     def lengths(
         self, coordinates: np.ndarray, rotations: np.ndarray, translations: np.ndarray
@@ -95,6 +102,7 @@ class Tendons:
         if self.spatial:
             norms = self._directions(rotations, translations)[2]
             lengths += np.bincount(self.segments.bodies[:, 2], norms, len(self.names))
+        self.wraps.add_lengths(lengths, rotations, translations)
         return lengths
 
     def moment_arms(
@@ -115,6 +123,8 @@ class Tendons:
         values = np.einsum("ik,ki->k", jacobian[:, dof], wrench[segment]) * signs
         arms = self.coefficients.copy()
         np.add.at(arms, (self.segments.bodies[segment, 2], dof), values)
+        unused = np.zeros(len(arms))
+        self.wraps.add_geometry(unused, arms, jacobian.T, rotations, translations)
         return arms
 
     def geometry(
@@ -139,6 +149,7 @@ class Tendons:
         if self.spatial:
             arms = arms.copy()
             moment_arms(arms, lengths, S, rotations, translations, *self.segments)
+            self.wraps.add_geometry(lengths, arms, S, rotations, translations)
         return lengths, arms
 
     def curvature(
@@ -164,7 +175,9 @@ class Tendons:
         """
         if not v.flags.writeable:
             v = v.copy()  # a read-only array would need a second compilation
-        return segment_curvature(S, rotations, translations, *self.segments, force, v)
+        total, rates = segment_curvature(S, rotations, translations, *self.segments, force, v)
+        self.wraps.add_curvature(total, rates, S, rotations, translations, force, v)
+        return total, rates
 
     def _directions(
         self, rotations: np.ndarray, translations: np.ndarray
@@ -308,7 +321,10 @@ def compile_tendons(
         for term in tendon.terms:
             coefficients[t, dof[term.joint]] = term.coef
         points = (anchor(site.link, np.array(site.xyz)) for site in tendon.sites)
-        for (i, a), (j, b) in pairwise(points):
+        around = {wrap.after for wrap in tendon.wraps}
+        for k, ((i, a), (j, b)) in enumerate(pairwise(points)):
+            if k in around:
+                continue
             if i == j:
                 offset[t] += np.linalg.norm(b - a)
             else:
@@ -322,4 +338,5 @@ def compile_tendons(
         sign[dofs, segment],
     )  # fmt: skip
     names = tuple(tendon.name for tendon in tendons)
-    return Tendons(names, coefficients, offset, segments, len(ends) > 0)
+    wraps = compile_wraps(tendons, anchor, moves)
+    return Tendons(names, coefficients, offset, segments, len(ends) > 0 or bool(wraps), wraps)

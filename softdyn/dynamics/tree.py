@@ -141,6 +141,7 @@ class TreeModel(SoftModel):
         self._joint_rows, self._spatial = (rows, self.nv), tendons.spatial
         self._damped = tendons.spatial and bool(self.tendon_damping.any())
         self._slackens = bool(self.tendon_slack.any())
+        self._wraps = tendons.wraps
         self._assemble = self._by_kernel if COMPILES else self._in_numpy
 
     # -- state ---------------------------------------------------------------------------------
@@ -166,6 +167,8 @@ class TreeModel(SoftModel):
         joint_rows, tip_and_lengths = np.empty(self._joint_rows), np.empty(self._tip_and_lengths)
         coordinates = q if self.nq == self.nv else self.chart.of(q)
         self._fill(joint_rows, tip_and_lengths, v, coordinates, *scratch.arguments)
+        if self._wraps:
+            self._around_bodies(joint_rows, tip_and_lengths, v, coordinates, scratch)
         if here is not q:
             tip_and_lengths[:3] += q[:3]
         for filled in (q, v, joint_rows, tip_and_lengths):
@@ -184,6 +187,24 @@ class TreeModel(SoftModel):
             model=self, q=q, v=v, M=M, bias=bias, K=K, D=D, B=B, h=h, g=g, J=J, Jdot=Jdot,
             y=y, ydot=ydot, lengths=lengths, moment_arms=arms,
         )  # fmt: skip
+
+    def _around_bodies(
+        self,
+        joint_rows: np.ndarray,
+        tip_and_lengths: np.ndarray,
+        v: np.ndarray,
+        coordinates: np.ndarray,
+        scratch: ThreadScratch,
+    ) -> None:
+        """Add the tendons' pieces around round bodies, for which there is no kernel."""
+        _, _, _, bias, K, h, _ = kernels.joint_terms(joint_rows)
+        lengths = kernels.tip_terms(tip_and_lengths)[2]
+        arms, inputs = kernels.tendon_terms(joint_rows, len(lengths))
+        memory = scratch.memory
+        self._wraps.add_geometry(lengths, arms, memory.S, memory.rotations, memory.translations)
+        inputs[:] = self.gear[:, None] * arms[self.actuated]
+        K[:], D = self._springs_and_dampers(coordinates, lengths, arms, v)
+        h[:] = bias + D @ v + K
 
     def _in_numpy(
         self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: ThreadScratch
@@ -211,7 +232,7 @@ class TreeModel(SoftModel):
             "q": q, "v": v, "M": M, "bias": data.nle, "K": K, "D": D, "h": data.nle + D @ v + K,
             "J": J, "Jdot": Jdot, "y": y, "ydot": J @ v, "lengths": lengths, "moment_arms": arms,
         }  # fmt: skip
-        kept = {name: read_only(value) for name, value in terms.items()}
+        kept = {name: read_only(np.ascontiguousarray(value)) for name, value in terms.items()}
         B.flags.writeable = False  # no copy: B keeps its memory order
         return State.trusted(model=self, B=B, **kept)
 

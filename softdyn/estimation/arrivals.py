@@ -5,6 +5,10 @@ of 1 / rate that is as old. At its own time the filter appends the predicted rea
 that it estimates; when the reading arrives, it is of this value. For a linear system this is the
 optimal use of a late reading: the estimate is that of a filter that waited for it.
 
+Readings with stamps belong to the times that these say. The filter then appends a prediction in
+every step. A reading between two predictions is expected to have the value between them, and its
+Jacobian; one that nothing waits for has the value of the nearest time, changed at the present rate.
+
 A step costs the square of the number of errors. So at most some `MOST_ROWS` of them are late
 readings: where more would wait, the filter expects only readings that are farther apart.
 """
@@ -121,31 +125,34 @@ class SensorChannel:
         self.error[:] = np.where(good, error, np.nan)
         return self.error
 
-    def waits(self, begin: float, end: float) -> Iterator[float]:
-        """Own times in (begin, end] of readings that arrive later than that, in steps so long."""
-        for own in self._late(begin, end):
+    def waits(self, begin: float, end: float, stamped: bool = False) -> Iterator[float]:
+        """Own times in (begin, end] of readings that arrive later than that, in steps so long.
+
+        Stamped readings may belong to any time, so that one prediction in each step waits.
+        """
+        for own in self._late(begin, end, 0.0 if stamped else self.rate):
             if own >= self.newest + self.apart:
                 self.newest = own
                 yield own
 
-    def _late(self, begin: float, end: float) -> Iterator[float]:
+    def _late(self, begin: float, end: float, rate: float) -> Iterator[float]:
         """The same for readings that are any time apart."""
         step = end - begin
         if step == 0:  # the length of the next step is not known
-            number = round(end * self.rate)
-            if self.latency > 0 and self.rate > 0 and abs(number - end * self.rate) <= SAME:
-                yield number / self.rate
+            number = round(end * rate)
+            if self.latency > 0 and rate > 0 and abs(number - end * rate) <= SAME:
+                yield number / rate
             return
         # a reading of this span arrives with one of two steps
         arrival = end + step * math.floor(self.latency / step + SAME)
-        if self.rate == 0:
+        if rate == 0:
             if self.latency > 0:
                 yield arrival - self.latency
             return
         for number in sorted({self._number(arrival), self._number(arrival + step)}):
-            own = number / self.rate
-            within = begin * self.rate + SAME < number <= end * self.rate + SAME
-            direct = self.latency == 0 and abs(number - end * self.rate) <= SAME
+            own = number / rate
+            within = begin * rate + SAME < number <= end * rate + SAME
+            direct = self.latency == 0 and abs(number - end * rate) <= SAME
             if within and not direct:
                 yield own
 
@@ -207,6 +214,25 @@ class LateReadings:
         self._done += done
         return next((one for one in done if abs(one.time - own) <= MATCH), None)
 
+    def around(
+        self, channel: SensorChannel, own: float
+    ) -> tuple[LateReading | None, LateReading | None]:
+        """The readings of this channel that wait before and after an own time (s), maybe neither.
+
+        Those older than the first of the two are done.
+        """
+        mine = [one for one in self._waiting if one.channel is channel]
+        before = max((one for one in mine if one.time <= own), key=_time, default=None)
+        after = min((one for one in mine if one.time > own), key=_time, default=None)
+        if before is not None:
+            self.expire(channel, before.time)
+        return before, after
+
+    def expire(self, channel: SensorChannel, time: float) -> None:
+        """Readings of this channel from before a time (s) are done."""
+        old = (one for one in self._waiting if one.channel is channel and one.time < time)
+        self._done += [one for one in old if one not in self._done]
+
     def row_of(self, late: LateReading, size: int) -> np.ndarray:
         """The Jacobian (k, size) of a late reading by the errors."""
         first = next(rows.start for one, rows in self._rows() if one is late)
@@ -232,6 +258,10 @@ class LateReadings:
         first = self._first
         for one in self._waiting:
             yield one, slice(first, first := first + len(one.change))
+
+
+def _time(late: LateReading) -> float:
+    return late.time
 
 
 def sensor_channels(model: SoftModel, sensors: tuple[Sensor, ...]) -> list[SensorChannel]:

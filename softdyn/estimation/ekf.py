@@ -48,6 +48,8 @@ HALVINGS = 4  # of a step without a solution
 LARGEST = 1e6  # no reading is larger (rad, m, N, …)
 WINDOW = 0.1  # s, of the readings that judge the process noise: some pictures of a camera
 GATE = 20.0  # deviations; readings further from their prediction count less and less
+LONGEST_AGE = 0.02  # s; a stamped reading that nothing waits for may be so old
+KEPT = 1.5  # latencies for which predictions of stamped readings wait
 SET_BACK = 10  # refused steps with rising times; the clock is taken to be set back then
 
 
@@ -215,7 +217,9 @@ class Ekf(Separate):
         first, part = 2 * self.model.nv, self._slices[name]
         return slice(first + part.start, first + part.stop)
 
-    def step(self, t: float, measurements: np.ndarray, u: np.ndarray) -> StateEstimate:
+    def step(
+        self, t: float, measurements: np.ndarray, u: np.ndarray, stamps: np.ndarray | None = None
+    ) -> StateEstimate:
         """The estimate at time t, from the readings that are there at t.
 
         Parameters
@@ -228,6 +232,10 @@ class Ekf(Separate):
         u : array_like, (nu,)
             The commands that were sent at the last step and have been held since: u, or for a
             winch the free length or its rate. The first step ignores them.
+        stamps : array_like, (k,), optional
+            The times (s) at which the readings were measured, which count instead of the file's
+            rates and latencies. Each reading may be given once. Sensors of one rate and latency
+            share the mean of their stamps.
 
         Raises
         ------
@@ -237,6 +245,7 @@ class Ekf(Separate):
         readings = fill("measurements", measurements, self._readings)
         commands = fill("u", u, self._commands)
         t = real("t", t)
+        self._stamps = None if stamps is None else fill("stamps", stamps, np.empty(self.components))
         first = math.isnan(self._time)
         if not abs(t) <= LATEST or (not first and t < self._time + SHORTEST):
             self._count("refused")
@@ -263,7 +272,8 @@ class Ekf(Separate):
                 self._time = t
         begin = t if first else self._time
         self._information *= math.exp((begin - t) / WINDOW)
-        waiting = [(own, one) for one in self._channels for own in one.waits(begin, t)]
+        stamped = stamps is not None
+        waiting = [(own, one) for one in self._channels for own in one.waits(begin, t, stamped)]
         waiting.sort(key=lambda pair: pair[0])
         # a camera's picture of this instant is expected once the other readings of it are known
         soon = [pair for pair in waiting if pair[0] < t - SAME * (t - begin)] if t > begin else []
@@ -359,15 +369,63 @@ class Ekf(Separate):
 
     # -- correction ----------------------------------------------------------------------------
 
+    def _stamped(
+        self, channel: SensorChannel, given: np.ndarray, t: float
+    ) -> tuple[SensorChannel, np.ndarray, np.ndarray, np.ndarray] | None:
+        """Rows, errors and variances of a channel's readings (k,) with stamps; None without any."""
+        assert self._stamps is not None
+        late, size, n = self._late, len(self._P), self.model.nv
+        late.expire(channel, t - KEPT * channel.latency - LONGEST_AGE)
+        good = usable(given, LARGEST)
+        times = self._stamps[channel.where][np.isfinite(given)]
+        if good == 0 or not np.isfinite(times).all():
+            return None
+        own = min(float(times.mean()), t)
+        before, after = late.around(channel, own)
+        if before is None and (t if after is None else after.time) - own > LONGEST_AGE:
+            self._count("unmatched", good)
+            return None
+        if after is None:
+            (values, jacobian), change, variance = channel.expect(
+                self._q, self._v, self._inputs, self._P
+            )
+            values, time = values.copy(), t
+            rows = np.zeros((len(values), size))
+            rows[:, : 2 * n] = jacobian
+            if before is None:  # y(own) = y(t) - (t - own) H v
+                values -= (t - own) * (jacobian[:, :n] @ self._v)
+                rows[:, n : 2 * n] -= (t - own) * jacobian[:, :n]
+        else:
+            values, change, variance = after.predicted, after.change, after.variance
+            rows, time = late.row_of(after, size), after.time
+        if before is not None:
+            share = (own - before.time) / max(time - before.time, SHORTEST)
+            values, change, rows = (
+                old + share * (new - old)
+                for old, new in (
+                    (before.predicted, values),
+                    (before.change, change),
+                    (late.row_of(before, size), rows),
+                )
+            )
+        error = channel.errors(values, given)
+        error -= change
+        return channel, rows, error, variance
+
     def _correct(self, t: float, readings: np.ndarray) -> bool:
         """Fuse the readings that are there at t; False if the result is not finite."""
         parts: list[tuple[SensorChannel, np.ndarray, np.ndarray, np.ndarray]] = []
         for channel in self._channels:
+            given = readings[channel.where]
+            if self._stamps is not None:
+                part = self._stamped(channel, given, t)
+                if part is not None:
+                    parts.append(part)
+                continue
             if not channel.arrives(t):
                 continue
             own = channel.own_time(t)
             match = self._late.arrive(channel, own)
-            given = readings[channel.where]
             good = usable(given, LARGEST)
             if good < len(given):
                 self._count("skipped", len(given) - good)

@@ -115,14 +115,14 @@ class Surroundings:
         return np.array([barrier.reserve(state) for barrier in self.barriers])
 
     def visuals(self, size: float) -> tuple[Visual, ...]:
-        """The obstacles as shapes of the world; a half-space is a slab, three `size` (m) wide."""
+        """The obstacles as shapes of the world; a half-space is a slab, 1.2 `size` (m) wide."""
         found = []
         for obstacle in self.obstacles:
             solid, pose = obstacle.solid, np.eye(4)
             pose[:3, :3], pose[:3, 3] = solid.rotation, solid.centre
             shape: Any = SphereShape(solid.swept)
             if isinstance(obstacle, HalfSpace):
-                shape = BoxShape((3 * size, 3 * size, thick := 0.02 * size))
+                shape = BoxShape((1.2 * size, 1.2 * size, thick := 0.01 * size))
                 pose[:3, 3] -= thick / 2 * solid.rotation[:, 2]
             elif solid.half.any():
                 x, y, z = (2 * solid.half).tolist()

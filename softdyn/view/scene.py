@@ -15,7 +15,7 @@ from typing import Any, TypedDict
 import numpy as np
 import pinocchio as pin
 
-from softdyn.description.robot import Joint, Robot, Tendon, levels, poses
+from softdyn.description.robot import Joint, Robot, Tendon, input_units, levels, poses
 from softdyn.description.task_mark import TaskMark
 from softdyn.description.visuals import BoxShape, CylinderShape, Mesh, SphereShape, Visual, visuals
 from softdyn.dynamics.model import SoftModel
@@ -173,7 +173,8 @@ class Figure:
                 for joint in joints
             ],
             "inputs": [
-                {"name": a.name, "lower": a.lower, "upper": a.upper} for a in robot.actuators
+                {"name": a.name, "lower": a.lower, "upper": a.upper, "unit": unit}
+                for a, unit in zip(robot.actuators, input_units(robot), strict=True)
             ],
             "coordinates": _coordinates(model, self.size),
             **shape_data((*self.shapes, *self.scenery), links),

@@ -62,13 +62,13 @@ def test_examples_are_copied_whole_or_not_at_all(tmp_path, capsys):
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == {
         path.name: path.read_bytes() for path in theirs.iterdir() if path.is_file()
     }
-    (folder / "tour.py").write_text("mine")
+    (folder / "tour.ipynb").write_text("mine")
     for path in folder.glob("soft*"):
         path.unlink()
     capsys.readouterr()
     assert main(["new", "--examples", str(folder)]) == 2
-    assert "tour.py" not in capsys.readouterr().out
-    assert (folder / "tour.py").read_text() == "mine"
+    assert "tour.ipynb" not in capsys.readouterr().out
+    assert (folder / "tour.ipynb").read_text() == "mine"
     assert not list(folder.glob("soft*"))
 
 
@@ -149,7 +149,7 @@ def test_one_program_three_ways(tmp_path):
         assert done.returncode == 0, done.stderr
         outputs.append((done.stdout, {path.name for path in folder.rglob("*")}))
     assert outputs[0] == outputs[1] == outputs[2]
-    assert "tour.py" in outputs[0][1]
+    assert "tour.ipynb" in outputs[0][1]
 
 
 @pytest.mark.parametrize("name", ["statics", "play"])

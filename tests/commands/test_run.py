@@ -448,7 +448,7 @@ class Words(Still):
         ("NanLater", 1, "the controller's fallbacks: expected a finite number, got nan"),
         ("Huge", 1, "the controller's fallbacks: expected a finite number, got a number of"),
         ("Violation", 1, "the controller's max_bound_violation: expected a finite number >= 0"),
-        ("Masked", 1, "its u is a masked array"),
+        ("Masked", 1, "its u: expected an array, got a masked one"),
         ("Short", 1, "expected finite numbers of shape (2,), got shape (3,)"),
         ("Array", 0, "not reached: "),
         ("Name", 0, "not reached: "),

@@ -257,7 +257,7 @@ def test_what_the_model_does_not_know_leaves_no_offset() -> None:
     goal = paper.set_point("finger", 0.5)
     from softdyn.validation.twin.plant_errors import PlantErrors
 
-    log = simulate(model, Mpc(heavy), goal, duration=4, twin=PlantErrors(mass=1.2).twin)
+    log = simulate(model, Mpc(heavy), goal, duration=4, plant=PlantErrors(mass=1.2))
     assert 100 * np.linalg.norm(log.error[-1]) < 0.05
 
 

@@ -71,6 +71,7 @@ def test_slack_and_every_field_of_a_sensor_are_in_the_digest() -> None:
         "name": "other", "kind": SensorKind.GYRO, "tendon": "cable", "link": "base",
         "joint": "bend", "xyz": (0.0, 0.0, 1.0), "rpy": (0.0, 0.0, 1.0), "noise": (1.0,),
         "bias": (1.0,), "rate": 1.0, "latency": 1.0, "resolution": (1.0,),
+        "lower": (-1.0,), "upper": (1.0,),
     }  # fmt: skip
     assert set(change) == {field.name for field in fields(Sensor)}
     robots = [

@@ -39,7 +39,7 @@ BLOCK = """\
     stiffness="800"/>
   <actuator name="motor" tendon="cable" gear="-1" lower="-5" upper="5" command="force" lag="0.01"/>
   <sensor name="encoder" type="length" tendon="cable" noise="1e-4" resolution="5e-5" rate="200"/>
-  <sensor name="load" type="tension" tendon="flexor" bias="-0.2"/>
+  <sensor name="load" type="tension" tendon="flexor" bias="-0.2" upper="6"/>
   <sensor name="mocap" type="pose" link="pad" xyz="0 0 0.01" rpy="0 0.1 0" latency="0.04"
     noise="1e-4 1e-4 1e-4 0.01 0.01 0.01"/>
   <sensor name="imu" type="accelerometer" link="pad" bias="0.1 -0.2 0"/>
@@ -54,7 +54,7 @@ READ_ACTUATORS = (
 )  # fmt: skip
 READ_SENSORS = (
     Sensor("encoder", SensorKind.LENGTH, "cable", noise=(1e-4,), resolution=(5e-5,), rate=200.0),
-    Sensor("load", SensorKind.TENSION, "flexor", bias=(-0.2,)),
+    Sensor("load", SensorKind.TENSION, "flexor", bias=(-0.2,), upper=(6.0,)),
     Sensor("mocap", SensorKind.POSE, link="pad", xyz=(0.0, 0.0, 0.01), rpy=(0.0, 0.1, 0.0),
            latency=0.04, noise=(1e-4, 1e-4, 1e-4, 0.01, 0.01, 0.01)),
     Sensor("imu", SensorKind.ACCELEROMETER, link="pad", bias=(0.1, -0.2, 0.0)),
@@ -153,9 +153,14 @@ def sensors(draw: st.DrawFn, name: str) -> Sensor:
         size = draw(st.sampled_from([1, kind.size]))
         return tuple(draw(st.lists(value, min_size=size, max_size=size)))
 
+    limits = {"lower": st.floats(-1e6, -1.0), "upper": st.floats(1.0, 1e6)}
+    stated = draw(st.sets(st.sampled_from([*limits])))
+    bounds = {name: components(limits[name]) for name in stated}
+
     return Sensor(
         name, kind, **place, noise=components(SHARE), bias=components(NUMBER),
         rate=draw(SHARE), latency=draw(DELAY), resolution=components(SHARE),
+        **bounds,
     )  # fmt: skip
 
 

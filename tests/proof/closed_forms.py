@@ -1,4 +1,4 @@
-"""Compare rods of jointed links with closed forms: the tables of docs/design.md, as Markdown."""
+"""Compare rods of jointed links with closed forms: the tables of docs/rods.md, as Markdown."""
 
 from __future__ import annotations
 

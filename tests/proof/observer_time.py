@@ -20,7 +20,7 @@ from softdyn.commands.observe import sensors_of
 from softdyn.controllers import find_controller
 from softdyn.estimation.arrivals import sensor_channels
 from softdyn.validation.loop.observation import make_observer
-from softdyn.validation.loop.simulate import simulate
+from softdyn.validation.simulate import simulate
 from softdyn.validation.tables import Table
 from softdyn.validation.twin.rig import Rig
 from tests.proof.timing import step_report

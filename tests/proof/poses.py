@@ -1,4 +1,4 @@
-"""`mpc` at poses and pairs of points that the statics hold, and out of reach: docs/tasks.md."""
+"""`mpc` at poses and pairs of points that the statics hold, and out of reach: docs/beyond.md."""
 
 from __future__ import annotations
 

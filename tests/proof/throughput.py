@@ -11,8 +11,9 @@ import softdyn
 from softdyn import SoftModel
 from softdyn.commands import cli
 from softdyn.controllers import find_controller
+from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.closed_loop import ClosedLoop
-from softdyn.validation.loop.simulate import simulate
+from softdyn.validation.simulate import simulate
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.study_targets import study_experiments
 from softdyn.validation.tables import Table
@@ -89,7 +90,7 @@ def throughput(
         law = make(model)
         with quiet():
             began = perf_counter()
-            loop = ClosedLoop(model, law, experiment, duration=duration)
+            loop = ClosedLoop(model, law, experiment, RunOptions(duration=duration))
             setup = perf_counter() - began
             plant = 0.0
             while loop.control() is not None:

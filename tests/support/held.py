@@ -16,6 +16,7 @@ from softdyn.controllers import BEYOND, CONTROLLERS, Gains
 from softdyn.loading import load_text
 from softdyn.sensing import Sensor, SensorKind, Sensors
 from softdyn.validation import Rig, StateMap, Twin, paper, simulate
+from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.twin.rig import RiggedPlant
@@ -60,9 +61,8 @@ class Uses:
 
     def drive(self, plant: Any) -> list[Any]:
         """One control period of a plant behind a rig."""
-        twin = plant.twin
-        q, v = StateMap(self.model, twin).from_twin(twin.qpos, twin.qvel)
-        return [plant.see(self.model.state(q, v)).q, plant.advance(PUSH, 10), *plant.sample()]
+        seen = plant.see(self.model.state(*plant.state()))
+        return [seen.q, *plant.advance(PUSH, 10, seen).values(), *plant.sample().values()]
 
     def advance(self, twin: Any) -> list[Any]:
         """Ten steps of a twin."""
@@ -72,7 +72,7 @@ class Uses:
     def step(self, loop: Any) -> list[Any]:
         """One step of a closed loop."""
         loop.step()
-        return [loop.steps, loop.plant.qpos]
+        return [loop.steps, loop.plant.state()[0]]
 
     def at_state(self, of_state: Any) -> list[Any]:
         """Barriers."""
@@ -108,9 +108,10 @@ def objects(uses: Uses) -> list[tuple[Any, Callable[[Any], list[Any]]]]:
     law = CONTROLLERS["soft-id-clf-qp"](model)
     ekf, other = (estimation.Ekf(observed, disturbances=("tip_force",)) for _ in range(2))
     plant = RiggedPlant(Rig(lag=0.02, noise=1e-3), model, 0.005)
-    plant.start(model.state(model.q0, np.zeros(4)))
+    plant.start(model.q0, np.zeros(4))
     rig = Rig(lag=0.02, sensors=observed.robot.sensors)
-    loop = ClosedLoop(model, CONTROLLERS["ic"](model), run, duration=0.1, rig=rig, observer=other)
+    options = RunOptions(duration=0.1, rig=rig, observer=other)
+    loop = ClosedLoop(model, CONTROLLERS["ic"](model), run, options)
     walls = [safety.HalfSpace([1.0, 0.0, 0.0], -1.0)]
     walls += [safety.KeepOutBox([2.0, 0.0, 0.0], [1.0, 1.0, 1.0], links="all")]
     walls += [safety.KeepOutSphere([2.0, 0.0, 0.0], 0.1)]

@@ -37,9 +37,10 @@ def default(part: type, name: str) -> str:
         return DEFAULTS.get(name, "required")
     if isinstance(value, CommandKind):
         return f"`{value.value}`"
-    if isinstance(value, tuple):
+    if isinstance(value, tuple) and all(map(math.isfinite, value)):
         return " ".join(f"{number:g}" for number in value)
-    return f"{value:g}" if math.isfinite(value) else "no bound"
+    bounded = not isinstance(value, tuple) and math.isfinite(value)
+    return f"{value:g}" if bounded else "no bound"
 
 
 def prose(part: type) -> str:

@@ -12,6 +12,7 @@ import pytest
 import softdyn
 from softdyn import design
 from softdyn.description.rig import Sensor, SensorKind
+from softdyn.description.robot import input_unit
 from softdyn.tasks import AxisTask, PoseTask, References
 from softdyn.tasks.marks import marks_of, numbers_at, stacked
 from softdyn.validation import Log, paper, simulate
@@ -192,6 +193,27 @@ def test_a_view_s_open_page_follows_what_is_displayed(browser):
     assert view.url is None
 
 
+def texts(selector: str) -> str:
+    """The script that reads the text of each element."""
+    return f"[...document.querySelectorAll('{selector}')].map(e => e.value ?? e.textContent)"
+
+
+def test_the_card_states_the_tip_the_units_and_the_length_of_the_axes(browser, logs, tmp_path):
+    model, (log, _) = logs
+    file = tmp_path / "replay.html"
+    file.write_text(replay(log, model).html(), encoding="utf-8")
+    browser.open(file.as_uri() + "#t=0.6")
+    x, y, z = (f"{100 * value:.1f}" for value in log.y[-1])
+    assert browser.run(texts("#legend .tip output")) == [f"{x}, {y}, {z} cm"]
+    assert browser.run(texts("#inputs summary")) == [f"inputs ({input_unit(model.robot)})"]
+    assert browser.run(texts("#axes")) == ["axes x y z , each 10 cm"]  # the robot is 0.5 m long
+    box = "(({min, max}) => max.x - min.x)(new T.Box3().setFromObject(softdyn.axes.object))"
+    assert browser.run(box) == pytest.approx(0.1, rel=0.1)
+    shown = browser.pixels("canvas")
+    browser.run("softdyn.axes.object.visible = false")
+    assert changed(shown, browser.pixels("canvas")) > 100
+
+
 def test_a_comparison_shows_every_run_with_its_name(browser, logs, tmp_path):
     model, runs = logs
     for beside in (False, True):
@@ -199,7 +221,7 @@ def test_a_comparison_shows_every_run_with_its_name(browser, logs, tmp_path):
         page = comparison(runs, [model, model], side_by_side=beside)
         file.write_text(page.html(), encoding="utf-8")
         browser.open(file.as_uri() + "#pause")
-        names = browser.run("[...document.querySelectorAll('#legend b')].map(b => b.textContent)")
+        names = browser.run(texts("#legend li:not(.tip) b"))
         assert names == ["Soft ID-CLF-QP", "idle"]
         both = seek(browser, 0.6)
         browser.run("softdyn.tracks[1].object.visible = false")

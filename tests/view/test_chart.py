@@ -42,6 +42,16 @@ def slots(browser: Browser, t: np.ndarray, y: np.ndarray, span: float, count: in
     return np.array(found, float)
 
 
+@pytest.mark.parametrize(("low", "high"), [(49990, 50010), (0.5, 0.50002), (-3, 1e5), (0, 1e-6)])
+def test_numbers_of_an_axis_are_in_few_characters_and_all_different(browser, low, high):
+    texts = browser.run(
+        f"(ticks => ticks.map(x => short(x, ticks[1] - ticks[0])))(roundNumbers({low}, {high}, 4))"
+    )
+    assert len(texts) == len(set(texts)) > 2
+    step = np.diff([float(text) for text in texts])
+    np.testing.assert_allclose(step, step[0], rtol=1e-6)
+
+
 def test_a_slot_keeps_the_extremes_of_its_rows_and_the_oldest_slots_go(browser):
     rng = np.random.default_rng(0)
     t = 0.5 + np.cumsum(rng.exponential(1 / 60, 5000))

@@ -17,6 +17,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from softdyn.description.robot import JointTerm
 from softdyn.dynamics.integrators import step_implicit, step_rk4
 from softdyn.dynamics.model import SoftModel
 from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
@@ -138,8 +139,16 @@ def damping_couples_branches(
     names = model.joint_names[free:]
     below = [{joint.name for joint in model.robot.chain(parents[name])} for name in names]
     state = model.state(q, v)
-    added = [t.slack * t.damping + (more or {}).get(t.name, 0.0) for t in model.robot.tendons]
-    D = (state.D + (state.moment_arms.T * added) @ state.moment_arms)[free:, free:]
+    damping = [t.damping + (more or {}).get(t.name, 0.0) for t in model.robot.tendons]
+    arms = state.moment_arms.copy()
+    for t, tendon in enumerate(model.robot.tendons):
+        if tendon.wraps:  # which of its joints count changes where it touches its bodies
+            links = [part.link for part in tendon.path if not isinstance(part, JointTerm)]
+            chains = [{joint.name for joint in model.robot.chain(link)} for link in links]
+            moving = set.union(*chains) - set.intersection(*chains)
+            arms[t, free:] = [name in moving for name in names]
+    D = (arms.T * damping) @ arms
+    D = D[free:, free:]
     return any(
         D[i, j] != 0.0 and names[i] not in below[j] and names[j] not in below[i]
         for i in range(len(names))

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, SoftdynError, SoftModel, State, statics
-from softdyn.controllers.controller import guard_of
 from softdyn.estimation import Observer
 from softdyn.exceptions import OwnCodeError, one_line, own_code_errors
 from softdyn.safety import Surroundings
@@ -22,13 +21,14 @@ from softdyn.validation.live.dragged_targets import DraggedTargets
 from softdyn.validation.live.ghost import Ghost
 from softdyn.validation.live.menu import Make, make_law
 from softdyn.validation.live.push import Hand, hand_stiffness
-from softdyn.validation.loop.arguments import starting_pose
-from softdyn.validation.loop.observation import Observation
+from softdyn.validation.loop.arguments import RunOptions, starting_pose
+from softdyn.validation.loop.loop import ControlLoop
+from softdyn.validation.loop.observation import make_observer
+from softdyn.validation.loop.plants import plant_of
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies.experiments import setup_of
 from softdyn.validation.twin.plant_errors import multiplied
 from softdyn.validation.twin.rig import Rig, RiggedPlant, rig_of
-from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import SimulationError
 from softdyn.view.live import messages
 from softdyn.view.live.frames import Columns
@@ -58,8 +58,19 @@ class PageState:
     planning: bool = False
 
 
+class ByHand:
+    """A controller and its output: the inputs `u` (nu,) that a page sets."""
+
+    def __init__(self, u: np.ndarray) -> None:
+        self.u = u
+
+    def __call__(self, state: State, reference: Any) -> ByHand:
+        """The inputs, whatever the state."""
+        return self
+
+
 class Session:
-    """A robot's twin and the controller that drives it, changed by messages.
+    """A `ControlLoop` of a robot's twin behind its rig, changed by messages.
 
     A fault pauses the session, with the reason in `shown.notice`: the plant diverges, or the
     controller raises or returns no input. Another message can repair it.
@@ -76,11 +87,9 @@ class Session:
         Control period (s); by default the paper's, or 2 ms.
     target : ndarray, (3,), optional
         The first target (m); by default the tip at rest.
-    rig : Rig or str, optional
-        The rig between controller and plant, as in `ClosedLoop`. The page's factors multiply the
-        rig's, and its delay and noise replace the rig's unless they are 0.
-    observer : Observer, optional
-        It estimates the controller's states from the rig's sensors, and the ghost is its estimate.
+    rig, observer : Rig or str, Observer or str, optional
+        As in `RunOptions`. The page's factors multiply the rig's, and its delay and noise replace
+        the rig's unless they are 0. The ghost is the observer's estimate.
     tasks : sequence of Task
         Tasks of links' frames, one of them with a position; by default the tip's position.
     surroundings : Surroundings, optional
@@ -90,6 +99,8 @@ class Session:
     ----------
     shown : PageState
         The state on the pages; `changed` is True when it has changed, until the caller resets it.
+    loop : ControlLoop
+        What is stepped.
     limits : Limits
         Limits of the messages.
     period : float
@@ -114,7 +125,7 @@ class Session:
         period: float | None = None,
         target: Any = None,
         rig: Rig | str | None = None,
-        observer: Observer | None = None,
+        observer: Observer | str | None = None,
         tasks: Sequence[Task] = (),
         surroundings: Surroundings | None = None,
     ) -> None:
@@ -130,32 +141,34 @@ class Session:
             self._rest = statics.rest(model).q
         except SoftdynError:
             self._rest, _ = starting_pose(model, None)
-        self._zero = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
         self._stiffness = hand_stiffness(model)
         self.pull = LONGEST_PULL * size * self._stiffness
         self._mismatch = messages.Mismatch()
         self._hand: Hand | None = None
         self._ghost: Ghost | None = None
-        self._law: Any = None
-        self._by_hand = self._u = self._zero
-        self._V = np.nan
-        self._observer = observer
-        self._observe: Observation | None = None
-        self._estimate: State | None = None
-        self.shown, self.changed = PageState(OPEN_LOOP, inputs=self._zero.tolist()), True
         self.trace = ""
+        plant = self._built(self._mismatch, *self._at_rest())
+        self.loop = ControlLoop(model, plant, None, make_observer(model, self._wanted, observer))
+        self._zero, self._by_hand = self.loop.u, ByHand(self.loop.u)
+        self.loop.take(self._by_hand)
+        self.shown, self.changed = PageState(OPEN_LOOP, inputs=self._zero.tolist()), True
         self.shown.ghost = observer is not None
-        self._rig, self._map = self._built(self._mismatch, *self._at_rest(), 0.0, self._zero)
-        self._state = model.state(*self._q_v())
-        if self._observe is not None:
-            self._observe.reset()
+        self._state = model.state(*plant.state())
+        if self.loop.observation is not None:
+            self.loop.observation.reset()
         self._aim.begin(self._state, target)
         self._choose(law)
 
     @property
+    def plant(self) -> RiggedPlant:
+        """The twin behind its rig."""
+        assert isinstance(self.loop.plant, RiggedPlant)
+        return self.loop.plant
+
+    @property
     def estimates(self) -> bool:
         """Whether the controller gets an observer's estimate."""
-        return self._observe is not None
+        return self.loop.observation is not None
 
     # -- messages ------------------------------------------------------------------------------
 
@@ -182,7 +195,7 @@ class Session:
 
     @_do.register
     def _(self, message: messages.SetInputs) -> None:
-        self._by_hand = message.u
+        self._by_hand.u = message.u
         self.shown.inputs = message.u.tolist()
 
     @_do.register
@@ -191,9 +204,9 @@ class Session:
 
     @_do.register
     def _(self, message: messages.Mismatch) -> None:
-        plant = self._built(message, *self._q_v(), self.t, self._u)
-        self._begin(self._law)
-        self._rig, self._map = plant
+        loop = self.loop
+        loop.move_to(self._built(message, *self.plant.state(), self.t, loop.u))
+        self._begin(loop.controller)
         self._mismatch = message
         self.shown.mismatch = asdict(message)
 
@@ -203,7 +216,7 @@ class Session:
         if held is not None and held.link == message.link and (held.said_at == message.at).all():
             held.to = message.to
             return
-        q, _ = self._q_v()
+        q, _ = self.plant.state()
         hand = Hand(self.model, q, message, self._stiffness, self.pull)
         self._release()
         self._hand = hand
@@ -225,19 +238,18 @@ class Session:
 
     @_do.register
     def _(self, _message: messages.Reset) -> None:
-        plant = self._built(self._mismatch, *self._at_rest(), 0.0, self._zero)
-        self._begin(self._law)
-        self._rig, self._map = plant
+        loop = self.loop
+        loop.move_to(self._built(self._mismatch, *self._at_rest()))
+        self._begin(loop.controller)
         self._release()
         if self._ghost is not None:
             self._ghost = self._new_ghost()
-        if self._observe is not None:
-            self._observe.reset()
-            self._estimate = None
-        self._u, self._V = self._zero, np.nan
-        self._by_hand = self._zero
+        if loop.observation is not None:
+            loop.observation.reset()
+        loop.u, loop.output = self._zero, None
+        self._by_hand.u = self._zero
         self.shown.inputs = self._zero.tolist()
-        self._state = self.model.state(*self._q_v())
+        self._state = self.model.state(*self.plant.state())
         self.shown.notice = ""
 
     @_do.register
@@ -254,14 +266,14 @@ class Session:
     @property
     def t(self) -> float:
         """Simulated time (s)."""
-        return self._rig.twin.time
+        return self.plant.twin.time
 
     def step(self) -> float:
         """Run one control period; return the time of its control step (µs)."""
         began = perf_counter_ns()
         try:
             with own_code_errors():
-                self._control()
+                self.loop.control(self.t, self._aim.reference)
         except OwnCodeError as error:
             self.trace = error.trace
             self._fault(f"{self.shown.law}: {error}")
@@ -270,7 +282,8 @@ class Session:
             self._fault(f"{self.shown.law}: {type(error).__name__}: {error}")
             return 0.0
         spent = (perf_counter_ns() - began) / 1e3
-        planning = getattr(getattr(self._law, "inner", self._law), "planning", False) is True
+        law = self.loop.controller
+        planning = getattr(getattr(law, "inner", law), "planning", False) is True
         self.changed |= planning != self.shown.planning
         self.shown.planning = planning
         self._advance()
@@ -278,18 +291,18 @@ class Session:
 
     def frame(self, **clock: float) -> np.ndarray:
         """The present state as a frame; `clock` has the figures of the clock."""
-        hand = self._hand
+        hand, plant = self._hand, self.plant
         with suppress(InputError):  # a diverged plant is shown at its last finite state
-            self._state = self.model.state(*self._q_v())
+            self._state = self.model.state(*plant.state())
         state = self._state
         values: dict[str, Any] = {
             "t": self.t, "q": self.model.coordinates(state.q), "y": state.y,
-            "u": self._rig.acting, "targets": self._aim.row, "y_ref": self._aim.reference.y,
-            "V": self._V,
+            "u": plant.acting, "targets": self._aim.row, "y_ref": self._aim.reference.y,
+            "V": getattr(self.loop.output, "V", np.nan),
         }  # fmt: skip
         if hand is not None:
             values |= {"force": hand.force, "point": hand.point}
-        ghost = self._ghost if self._estimate is None else self._estimate
+        ghost = self.loop.seen if self.estimates else self._ghost
         if ghost is not None and self.shown.ghost:
             gap = np.linalg.norm(ghost.y - state.y)
             values |= {"ghost": self.model.coordinates(ghost.q), "gap": gap}
@@ -297,37 +310,18 @@ class Session:
 
     # -- inside --------------------------------------------------------------------------------
 
-    def _control(self) -> None:
-        """Read the plant, and ask the controller for the input."""
-        self._state = self.model.state(*self._q_v())
-        seen = self._see()
-        if self._law is None:
-            self._u = self._by_hand
-            return
-        answer = self._law(seen, self._aim.reference)
-        self._u = self._guard.admit(getattr(answer, "u", answer))
-        self._V = getattr(answer, "V", np.nan)
-
-    def _see(self) -> State:
-        """The state that the controller sees: the plant's behind the rig, or its estimate."""
-        if self._observe is None:
-            return self._rig.see(self._state)
-        _, measured = self._rig.sample()
-        self._estimate = self._rig.show(self._observe(self.t, measured, self._rig.sent))
-        return self._estimate
-
     def _advance(self) -> None:
         steps = self._grid.substeps
         try:
             if self._hand is not None:
-                self._hand.pull(self._rig.twin)
-            self._rig.advance(self._u, steps)
+                self._hand.pull(self.plant.twin)
+            self.loop.advance(steps)
         except SimulationError as error:
             self._fault(f"the plant stopped: {error.reason}")
             return
         if self._ghost is not None:
             try:
-                self._ghost.advance(self._u, steps)
+                self._ghost.advance(self.loop.u, steps)
             except InputError:
                 self._ghost, self.shown.ghost, self.changed = None, False, True
                 self.shown.notice = "the model beside the plant diverged"
@@ -338,34 +332,33 @@ class Session:
     def _at_rest(self) -> tuple[np.ndarray, np.ndarray]:
         return self._rest, np.zeros(self.model.nv)
 
-    def _q_v(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._map.from_twin(self._rig.twin.data.qpos, self._rig.twin.data.qvel)
-
     def _built(
-        self, said: messages.Mismatch, q: np.ndarray, v: np.ndarray, t: float, u: np.ndarray
-    ) -> tuple[RiggedPlant, StateMap]:
+        self,
+        said: messages.Mismatch,
+        q: np.ndarray,
+        v: np.ndarray,
+        t: float = 0.0,
+        u: np.ndarray | None = None,
+    ) -> RiggedPlant:
         """A new plant in a given state, whose input u has been held for long."""
-        wanted = _changed(self._wanted, said)
-        options = {} if self.surroundings is None else {"obstacles": self.surroundings.obstacles}
-        rig = RiggedPlant(wanted, self.model, self.period, timestep=self._grid.timestep, **options)
-        if self._observer is not None:
-            self._observe = Observation(self._observer, self.model, rig)
-        states = StateMap(self.model, rig.twin)
+        options = RunOptions(rig=_changed(self._wanted, said), surroundings=self.surroundings)
+        plant = plant_of(self.model, options, self.period, self._grid.timestep)
+        assert isinstance(plant, RiggedPlant)
+        plant.real_time = True
         try:
-            rig.twin.set_state(*states.to_twin(q, v), t)
+            plant.start(q, v, t, u)
         except SimulationError as error:
             raise InputError("state", "one that MuJoCo can start from", error.reason) from None
-        rig.start(self.model.state(q, v), u)
-        return rig, states
+        return plant
 
     def _choose(self, name: str) -> None:
-        law = None if name == OPEN_LOOP else self._made(name)
+        law = self._by_hand if name == OPEN_LOOP else self._made(name)
         self._begin(law)
         if name == OPEN_LOOP:
-            self._by_hand = self._u
-            self.shown.inputs = self._u.tolist()
-        self._law, self._guard = law, guard_of(law, self.model)
-        self._V = np.nan
+            self._by_hand.u = self.loop.u
+            self.shown.inputs = self.loop.u.tolist()
+        self.loop.take(law)
+        self.loop.output = None
         self.shown.law, self.shown.notice, self.shown.planning = name, "", False
 
     def _made(self, name: str) -> Any:
@@ -385,10 +378,10 @@ class Session:
 
     def _release(self) -> None:
         self._hand = None
-        self._rig.twin.data.xfrc_applied[:] = 0.0
+        self.plant.twin.data.xfrc_applied[:] = 0.0
 
     def _new_ghost(self) -> Ghost:
-        return Ghost(self.model, *self._q_v(), self._grid.timestep)
+        return Ghost(self.model, *self.plant.state(), self._grid.timestep)
 
 
 def _changed(rig: Rig, said: messages.Mismatch) -> Rig:

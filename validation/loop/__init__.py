@@ -1,8 +1,9 @@
-"""The closed loop of a controller and a plant, independent of the paper's experiments.
+"""The loop of a controller and a plant, independent of the paper's experiments.
 
-- `simulate`: a closed loop in one call
-- `closed_loop`: `ClosedLoop`, which can be stepped
-- `arguments`: checks of a loop's arguments; the user's own plant
+- `loop`: `ControlLoop`, one control period at a time; every run steps it
+- `plants`: the contract of what a loop moves, and the simulated plants
+- `closed_loop`: `ClosedLoop`, a loop with a reference, a planned time and a record
+- `arguments`: `RunOptions`, all arguments of a run, and their checks
 - `experiment`: a loop's task: its reference, duration and control period
 - `observation`: an observer between the sensors and the controller
 - `time_grid`: the division of a run into control periods and plant steps
@@ -10,8 +11,8 @@
 - `summary`: the figures of a run as text
 - `certificate`: the true rate of V along a run, beside the rate that its QP assumed
 - `verdict`: early ends of a run, failures, whether the run reached its reference
-- `log`: the record of a run: its arrays, its figures of merit, its summary, its file
-- `log_csv`: a log as CSV, with units
+- `log`: the record of a run: its channels, its figures of merit, its summary
+- `log_files`: its NPZ and CSV files
 - `logged_robot`: the robot of a log, from the text of its file at the time of the run
 - `log_checks`: checks of a log's file
 - `labels`: names of robots, controllers and experiments in tables, figures and pages

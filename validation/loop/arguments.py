@@ -1,12 +1,12 @@
-"""Checks of a closed loop's arguments: its reference, plant, controller and initial pose."""
+"""The arguments of a run, in one object, and checks of them."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,35 +14,93 @@ import numpy as np
 from softdyn import InputError, Reference, SoftModel
 from softdyn.checks import array, in_degrees
 from softdyn.controllers.staged import best
+from softdyn.estimation import Observer
+from softdyn.safety import Surroundings
 from softdyn.statics.suspicious_values import fast_springs
+from softdyn.toml_table import TomlTable
 from softdyn.validation.loop.experiment import Experiment
-from softdyn.validation.twin.state_map import MappedPlant
+from softdyn.validation.twin.rig import Rig
+from softdyn.validation.twin.settings import Integrator
 
 ReferenceLike = Experiment | Callable[[float], Reference]
 YIELD = 1e-3  # of a joint's range: a run may begin where another one pressed a joint on its stop
 
 
-def mapped_plant(model: SoftModel, plant: str | Path | MappedPlant, settings: bool) -> MappedPlant:
-    """The user's own plant, made from an MJCF file if it is a path.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunOptions:
+    """The arguments of a run besides its model, its controller and its reference.
 
-    A warning is given if the file differs from the model's.
+    Attributes
+    ----------
+    duration, period : float, optional
+        Length of the run, to the nearest plant step, and control period (s); the experiment's by
+        default, 10 s and 2 ms without one. Where the period does not divide the duration, the last
+        hold is shorter.
+    timestep : float, optional
+        Plant step (s), which must divide the period; by default the largest ≤ 0.5 ms.
+    integrator : Integrator or str
+        The twin's scheme.
+    q0, v0 : np.ndarray, (nq,), (nv,), optional
+        Initial state, within the joint limits; by default at rest in the configuration within the
+        limits that is nearest to q = 0.
+    contacts : bool
+        Whether the plant's links can touch.
+    friction : bool
+        Whether the plant has the file's dry friction of joints, and of cables on their guides.
+    plant : PlantErrors, MappedPlant, Plant or Callable[..., Twin], optional
+        By default the twin. Otherwise the twin with some errors; a user's MJCF as a
+        `softdyn.validation.Scene`, whose own contacts and friction hold, and its step if that
+        divides the period; a `softdyn.validation.loop.plants.Plant`; or what makes the twin, called
+        as `Twin` with the robot, timestep, contacts and friction.
+    rig : Rig or str, optional
+        The rig between controller and plant: None for an ideal one, ``"file"`` for that of the
+        robot's file, or a `Rig`.
+    observer : Observer or str, optional
+        It estimates the state that the controller gets, from the rig's sensors: an
+        `softdyn.estimation.Ekf`, an object of your own with ``step(t, measurements, u)``, or the
+        words of `observation.make_observer`. The State has the estimate's `covariance`
+        (2 nv, 2 nv), if there is one.
+    surroundings : Surroundings, optional
+        Obstacles around the robot: in the twin, and their reserve in the log. A controller keeps
+        clear of them by its own `barriers`.
+    name : str, optional
+        Name of the controller in the log; its `name` or its class by default.
     """
-    if settings:
-        raise InputError(
-            "contacts, friction", "none, because the plant's own file states it", "True"
-        )
-    if isinstance(plant, str | Path):
-        from softdyn.validation.mjcf.scene import Scene  # most loops need no MJCF reader
 
-        scene = Scene(model, plant)
-        if not scene.comparison.passed:
-            warnings.warn(f"{scene.path}: {scene.comparison.verdict}", stacklevel=3)
-        return scene
-    if not isinstance(plant, MappedPlant):
-        raise InputError("plant", "an MJCF file, or a Scene", repr(plant))
-    if plant.robot.digest != model.robot.digest:
-        raise InputError("plant", f"a scene for {model.name!r}", f"one for {plant.robot.name!r}")
-    return plant
+    duration: float | None = None
+    period: float | None = None
+    timestep: float | None = None
+    integrator: Integrator | str = Integrator.IMPLICITFAST
+    q0: Any = None
+    v0: Any = None
+    contacts: bool = False
+    friction: bool = False
+    plant: Any = None
+    rig: Rig | str | None = None
+    observer: Observer | str | None = None
+    surroundings: Surroundings | None = None
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str | None):
+            raise InputError("name", "text", repr(self.name))
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> RunOptions:
+        """The options from a table, such as a TOML file's, or from the keywords of a call.
+
+        A table of `rig` or `surroundings` becomes the object.
+
+        Raises
+        ------
+        InputError
+            An unknown option; the error names the one that may be meant.
+        """
+        values = TomlTable(given, "options").rest([field.name for field in fields(cls)])
+        for name, make in (("rig", Rig.of), ("surroundings", Surroundings.of)):
+            if isinstance(values.get(name), Mapping):
+                values[name] = make(values[name])
+        return cls(**values)
 
 
 def check_robot(model: SoftModel, experiment: Experiment) -> None:

@@ -1,12 +1,9 @@
-"""One closed loop: a controller on the analytic model drives the MuJoCo twin."""
+"""A recorded run: a controller on the analytic model drives a plant for a planned time."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
-from time import perf_counter_ns
 from typing import Any
 
 import numpy as np
@@ -14,19 +11,17 @@ from tqdm.auto import tqdm
 
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import array, beyond
-from softdyn.controllers.controller import guard_of, waiting
 from softdyn.copies import Separate
 from softdyn.description.robot import input_unit
 from softdyn.dynamics.model import check_model
-from softdyn.estimation import Observer
-from softdyn.safety import Surroundings
+from softdyn.validation.channels import LogChannel
 from softdyn.validation.loop import verdict
 from softdyn.validation.loop.arguments import (
     ReferenceLike,
+    RunOptions,
     check_controller,
     check_robot,
     checked,
-    mapped_plant,
     name_of,
     nowhere,
     starting_pose,
@@ -39,9 +34,10 @@ from softdyn.validation.loop.experiment import (
     Experiment,
 )
 from softdyn.validation.loop.log import Log
-from softdyn.validation.loop.log_checks import ESTIMATED, RIGGED
 from softdyn.validation.loop.logged_robot import LoggedRobot
-from softdyn.validation.loop.observation import Observation
+from softdyn.validation.loop.loop import ControlLoop
+from softdyn.validation.loop.observation import make_observer
+from softdyn.validation.loop.plants import Plant, plant_of, timestep_of
 from softdyn.validation.loop.record import (
     ControllerOutput,
     ControlStep,
@@ -51,22 +47,17 @@ from softdyn.validation.loop.record import (
 )
 from softdyn.validation.loop.time_grid import MAX_TIMESTEP, TimeGrid
 from softdyn.validation.plain_data import to_plain_data
-from softdyn.validation.twin.rig import Rig, RiggedPlant, check_rig, rig_of
-from softdyn.validation.twin.settings import Integrator
-from softdyn.validation.twin.state_map import MappedPlant, Plant, StateMap
-from softdyn.validation.twin.twin import SimulationError, Twin
+from softdyn.validation.twin.twin import SimulationError
 
 Controller = Callable[[State, Any], ControllerOutput]
 OnStep = Callable[[float, State, ControllerOutput], None]
 
 
 class ClosedLoop(Separate):
-    """A controller and its plant, run one control period at a time.
+    """A `ControlLoop` that follows a reference for a planned time, and its record.
 
-    At the beginning of a period, `control` gives the twin's state to `model.state` and then to the
-    controller, and clips the answer to the robot's bounds. `advance` holds this input while MuJoCo
-    integrates with ``implicitfast`` and joint limits. `step` does both, `run` repeats it to the
-    end.
+    `control` reads the plant and asks the controller for the input of a period, which is clipped to
+    the robot's bounds. `advance` holds it. `step` does both, `run` repeats it to the end.
 
     A run is *failed* when
 
@@ -89,49 +80,15 @@ class ClosedLoop(Separate):
     reference : Experiment or Callable[[float], Reference]
         The second is of t (s), e.g. a `SetPoint`. `nowhere` is for a rollout, in which no distance
         from a reference is judged.
-    duration, period : float, optional
-        Length of the run, to the nearest plant step, and control period (s); the experiment's by
-        default, 10 s and 2 ms without one. Where the period does not divide the duration, the last
-        hold is shorter.
-    timestep : float, optional
-        Plant step (s), which must divide the period; by default the largest ≤ 0.5 ms.
-    integrator : Integrator or str
-        The twin's scheme.
-    q0, v0 : np.ndarray, (nq,), (nv,), optional
-        Initial state, within the joint limits; by default at rest in the configuration within the
-        limits that is nearest to q = 0.
-    contacts : bool
-        Whether the plant's links can touch.
-    friction : bool
-        Whether the plant has the file's dry friction of joints, and of cables on their guides.
-    twin : Callable[..., Twin]
-        Makes the plant, called as `Twin` with the robot, timestep, contacts and friction.
-    plant : str, Path or MappedPlant, optional
-        A user's MJCF file, or its `Scene`, which replaces the twin. Its own contacts and friction
-        hold, and its step if that divides the period. A warning is given if the file differs from
-        the model's.
-    rig : Rig or str, optional
-        The rig between controller and plant: None for an ideal one, ``"file"`` for that of the
-        robot's file, or a `Rig`.
-    observer : Observer, optional
-        It estimates the state that the controller gets, from the rig's sensors: an
-        `softdyn.estimation.Ekf`, or an object of your own with ``step(t, measurements, u)``. The
-        State has the estimate's `covariance` (2 nv, 2 nv), if there is one.
-    surroundings : Surroundings, optional
-        Obstacles around the robot: in the twin, and their reserve in the log.
-    name : str, optional
-        Name of the controller in the log; its `name` or its class by default.
+    options : RunOptions, optional
+        All other arguments.
 
     Attributes
     ----------
+    loop : ControlLoop
+        What is stepped.
     model, controller, name, surroundings
         As above.
-    plant : Plant
-        The twin, or the user's own plant.
-    rig : RiggedPlant or None
-        The twin behind its rig, if there is one.
-    plant_file : str or None
-        Name of the user's file that is the plant, None where it is the twin.
     experiment : Experiment or None
         The reference, if it is one.
     reference : Callable[[float], Reference]
@@ -158,22 +115,9 @@ class ClosedLoop(Separate):
         model: SoftModel,
         controller: Controller,
         reference: ReferenceLike,
-        *,
-        duration: float | None = None,
-        period: float | None = None,
-        timestep: float | None = None,
-        integrator: Integrator | str = Integrator.IMPLICITFAST,
-        q0: np.ndarray | None = None,
-        v0: np.ndarray | None = None,
-        contacts: bool = False,
-        friction: bool = False,
-        twin: Callable[..., Twin] = Twin,
-        plant: str | Path | MappedPlant | None = None,
-        rig: Rig | str | None = None,
-        observer: Observer | None = None,
-        surroundings: Surroundings | None = None,
-        name: str | None = None,
+        options: RunOptions | None = None,
     ) -> None:
+        options = RunOptions() if options is None else options
         self.model, self.controller = check_model(model), controller
         self.experiment = reference if isinstance(reference, Experiment) else None
         planned, usual = SET_POINT_DURATION, DEFAULT_PERIOD
@@ -185,66 +129,44 @@ class ClosedLoop(Separate):
             reference = reference.reference
         self.aims = reference is not nowhere
         self.reference = checked(reference)
-        own = None if plant is None else mapped_plant(model, plant, contacts or friction)
+        own_step = timestep_of(model, options)
         self.grid = TimeGrid.plan(
-            planned if duration is None else duration,
-            usual if period is None else period,
-            timestep,
-            MAX_TIMESTEP if own is None else own.timestep,
+            planned if options.duration is None else options.duration,
+            usual if options.period is None else options.period,
+            options.timestep,
+            MAX_TIMESTEP if own_step is None else own_step,
         )
-        if period is not None and beyond(self.grid.period, self.grid.duration):
+        if options.period is not None and beyond(self.grid.period, self.grid.duration):
             expected = f"at most the run's {self.grid.duration:g} s"
             raise InputError("period", expected, f"{self.grid.period:g} s")
         check_controller(controller)
-        if not isinstance(name, str | None):
-            raise InputError("name", "text", repr(name))
-        q, self.start = starting_pose(model, q0)
-        v = np.zeros(model.nv) if v0 is None else array("v0", v0, (model.nv,))
+        q, self.start = starting_pose(model, options.q0)
+        v = np.zeros(model.nv) if options.v0 is None else array("v0", options.v0, (model.nv,))
         warn_of_fast_springs(model, model.state(q, v).M, self.grid.timestep)
-        self.plant: Plant
-        self.rig: RiggedPlant | None = None
-        options: dict[str, Any] = {"contacts": contacts, "friction": friction}
-        options |= {"timestep": self.grid.timestep}
-        if surroundings is not None:
-            if own is not None:
-                raise InputError("obstacles", "none beside a plant of your own", own.path.name)
-            options["obstacles"] = surroundings.obstacles
-        if integrator != Integrator.IMPLICITFAST:
-            options["integrator"] = integrator
-        if (wanted := rig_of(rig)) is not None:
-            check_rig(own, twin)
-            self.rig = RiggedPlant(wanted, model, self.grid.period, **options)
-            self.plant = self.rig.twin
-            self._states, self.plant_file = StateMap(model, self.plant), None
-        elif own is None:
-            self.plant = twin(model.robot, **options)
-            self._states, self.plant_file = StateMap(model, self.plant), None
-        else:
-            own.timestep, contacts = self.grid.timestep, own.contacts
-            self.plant, self._states, self.plant_file = own, own.states, own.path.name
+        plant = plant_of(model, options, self.grid.period, self.grid.timestep)
+        observer = make_observer(model, options.rig, options.observer)
+        self.loop = ControlLoop(model, plant, controller, observer)
         try:
-            self.plant.set_state(*self._states.to_twin(q, v))
+            plant.start(q, v)
         except SimulationError as error:
             raise InputError("q0, v0", "a state that MuJoCo can start from", error.reason) from None
-        self.name, self._contacts = name or name_of(controller), contacts
-        self._guard = guard_of(controller, model)
-        self._record = Recorder(model, self.grid.times(), self._guard)
-        self.surroundings = surroundings
-        if surroundings is not None:
-            self._record.extra(("reserve",), barriers=len(surroundings.names))
+        self.name, self.surroundings = options.name or name_of(controller), options.surroundings
+        self._record = Recorder(model, self.grid.times(), self.loop.channels)
+        if self.surroundings is not None:
+            barriers = [(name, "m") for name in self.surroundings.names]
+            self._record.add(LogChannel.of("reserve", barriers))
         if hasattr(controller, "reset"):
             controller.reset(self.grid.period)
-        if self.rig is not None:
-            self._record.extra(RIGGED, sensors=len(self.rig.readings.names))
-            self.rig.start(model.state(q, v))
-        self._observe = None if observer is None else Observation(observer, model, self.rig)
-        if self._observe is not None:
-            self._observe.reset()
-            if self._observe.units:
-                self._record.extra(ESTIMATED, disturbances=len(self._observe.units))
+        if self.loop.observation is not None:
+            self.loop.observation.reset()
         self._counts = Counts(controller)
         self.steps, self.done, self._complete = 0, False, False
         self.reason: str | None = None
+
+    @property
+    def plant(self) -> Plant:
+        """The plant."""
+        return self.loop.plant
 
     def control(self) -> ControlStep | None:
         """Read the plant, and ask the controller for the input of the next period.
@@ -256,15 +178,14 @@ class ClosedLoop(Separate):
         """
         if self.done:
             return None
-        model, controller, record, k = self.model, self.controller, self._record, self.steps
+        loop, record, k = self.loop, self._record, self.steps
         t = float(record.t[k])
-        q, v = self._read_plant()
-        if not math.isfinite(q @ q + v @ v):
+        q, v = loop.read(t)
+        record.put(k, q=q, v=v)
+        state = loop.state
+        if state is None:
             self._end(verdict.not_finite(t))
             return None
-        began = perf_counter_ns()
-        state = model.state(q, v)
-        spent = perf_counter_ns() - began
         target = self.reference(t)
         distance = record.sample(k, state.y, target.y)
         if self.surroundings is not None:
@@ -273,38 +194,64 @@ class ClosedLoop(Separate):
         if diverged is not None:
             self._end(diverged)
             return None
-        seen = state if self.rig is None else self._see(k, state)
+        seen = loop.see(t)
+        record.put(k, **loop.values)
         if k == self.grid.steps:
-            fault = verdict.not_converged(record.error[0], record.error[k], target)
+            fault = verdict.not_converged(record.error_at(0), record.error_at(k), target)
             self._end(fault if self.aims else None, complete=True)
             return None
-        if self._observe is not None:
-            spent = self._observe.nanoseconds
-        with waiting(controller):
-            began = perf_counter_ns()
-            output = controller(seen, target)
-            spent += perf_counter_ns() - began
-        fault = record.output(k, output, spent)
-        if fault is not None:
-            self._end(verdict.no_input(t, fault))
+        if "q_seen" in record.channels:
+            record.put(k, q_seen=seen.q, v_seen=seen.v)
+        output = loop.decide(t, target)
+        try:
+            u = loop.admit()
+        except InputError as error:
+            self._end(verdict.no_input(t, str(error)))
             return None
-        acting = record.u[k] if self.rig is None else self.rig.acting
-        return ControlStep(t, seen, output, record.u[k], state, acting)
+        record.output(k, output, u, loop.nanoseconds)
+        return ControlStep(t, seen, output, u, state, loop.values.get("acting", u))
 
     def advance(self) -> None:
-        """Integrate the plant over a control period under the input of the last `control`."""
+        """Hold the input of the last `control` for a control period."""
         k = self.steps
         self.steps += 1
         try:
-            if self.rig is None:
-                self.plant.advance(self._record.u[k], self.grid.plant_steps(k))
-            else:
-                command = self.rig.advance(self._record.u[k], self.grid.plant_steps(k))
-                self._record.put(k, command=command)
+            self._record.put(k, **self.loop.advance(self.grid.plant_steps(k)))
         except SimulationError as error:
             with np.errstate(invalid="ignore"):  # the cosine of an infinite angle
-                self._read_plant()
+                found = self.plant.state()
+            if found is not None:
+                self._record.put(self.steps, q=found[0], v=found[1])
             self._end(verdict.plant_stopped(error.time, error.reason))
+
+    def hold(self, **values: Any) -> None:
+        """Record a period without a control step: the clock is late, and the last input acts on.
+
+        Parameters
+        ----------
+        **values : Any
+            Values of this period's sample that differ from the last one's, by channel.
+        """
+        if self.done or not 0 < self.steps < self.grid.steps:
+            return
+        k = self.steps
+        self._record.repeat(k, self.reference(float(self._record.t[k])).y)
+        self._record.put(k, **values)
+        self.steps += 1
+
+    def stopped(self, reason: str) -> None:
+        """End the run early; `reason` is in its log."""
+        last = max(self._record.samples - 1, 0)
+        self.reason = f"stopped at {self._record.t[last]:.4g} s: {reason}"
+
+    def share(self, shared: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Keep the record in other arrays, such as copies in memory that processes share."""
+        self._record.share(shared)
+
+    def resume_at(self, steps: int) -> None:
+        """Go on from a record of so many control steps that another process has made."""
+        self.steps, self.done = steps, False
+        self._record.samples = steps
 
     def step(self) -> ControlStep | None:
         """Run one control period, `control` and `advance`; None if the run is over."""
@@ -363,17 +310,12 @@ class ClosedLoop(Separate):
         (not_solved, fallbacks, violation), fault = self._counts.told()
         reason = self.reason or fault
         steps = self.steps if self.done else max(self._record.samples - 1, 0)
-        recorded: dict[str, Any] = {**self._record.arrays(steps)}
-        if self.rig is not None:
-            recorded |= self.rig.columns()
-        if self._observe is not None:
-            units = self._observe.units
-            recorded |= {"disturbance_names": (*units,), "disturbance_units": (*units.values(),)}
-        recorded |= self._record.task_errors(steps, controller, self.reference)
-        if self.surroundings is not None:
-            recorded["obstacles"] = self.surroundings.table
+        more, marks = self._record.of_tasks(steps, controller, self.reference)
+        channels = [*self._record.filled(steps), *more]
         return Log(
-            **recorded,
+            {channel.name: channel for channel in channels},
+            u_min=model.u_min,
+            u_max=model.u_max,
             u_unit=input_unit(model.robot),
             robot=model.bundled or model.name,
             controller=self.name,
@@ -384,45 +326,22 @@ class ClosedLoop(Separate):
             period=self.grid.period,
             timestep=self.grid.timestep,
             length=self._length if self._length > 0 else None,
-            joint_names=model.joint_names,
-            contacts=self._contacts,
             complete=self._complete,
             failed=reason is not None,
             reason=reason,
             not_solved=not_solved,
             fallbacks=fallbacks,
-            max_bound_violation=max(self._guard.max_bound_violation, violation),
+            max_bound_violation=max(self.loop.guard.max_bound_violation, violation),
             gains=to_plain_data(
                 getattr(controller, "gains", getattr(controller, "parameters", None))
             ),
             versions=dict(package_versions()),
             source=LoggedRobot.of(model),
-            plant=self.plant_file,
+            marks=marks,
+            obstacles=None if self.surroundings is None else self.surroundings.table,
             start=self.start,
+            **self.plant.settings,
         )
-
-    def _see(self, k: int, state: State) -> State:
-        """The state that the controller sees; record it, the acting inputs and the readings."""
-        assert self.rig is not None
-        acting, measured = self.rig.sample()
-        if self._observe is None:
-            seen = self.rig.see(state)
-        else:
-            t = float(self._record.t[k])
-            seen = self.rig.show(self._observe(t, measured, self.rig.sent))
-            if self._observe.units:
-                estimated = zip(ESTIMATED, self._observe.disturbances, strict=True)
-                self._record.put(k, **dict(estimated))
-        self._record.put(k, acting=acting, measured=measured)
-        if k < self.grid.steps:
-            self._record.put(k, q_seen=seen.q, v_seen=seen.v)
-        return seen
 
     def _end(self, reason: str | None, complete: bool = False) -> None:
         self.done, self.reason, self._complete = True, reason, complete
-
-    def _read_plant(self) -> tuple[np.ndarray, np.ndarray]:
-        """Read the plant's state q (nq,), v (nv,) and record it as sample `steps`."""
-        q, v = self._states.from_twin(self.plant.data.qpos, self.plant.data.qvel)
-        self._record.q[self.steps], self._record.v[self.steps] = q, v
-        return q, v

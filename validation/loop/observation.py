@@ -12,7 +12,9 @@ from softdyn import InputError, SoftModel, State
 from softdyn.controllers.registry import find_controller, is_own, one_line_errors
 from softdyn.estimation import Ekf, Observer
 from softdyn.exceptions import errors_in
-from softdyn.validation.twin.rig import Rig, RiggedPlant, rig_of
+from softdyn.validation.channels import LogChannel
+from softdyn.validation.loop.plants import Plant
+from softdyn.validation.twin.rig import Rig, rig_of
 
 WORDS = "the names of disturbances, or FILE.py:CLASS"
 
@@ -27,42 +29,48 @@ class Observation:
         has the estimates' `disturbances` and their `deviations` in the log.
     model : SoftModel
         The model that the controller has.
+    plant : Plant
+        The plant, which has the readings.
 
     Attributes
     ----------
+    observer : Observer
+        As above.
     nanoseconds : int
         Time that the last estimate took.
-    units : dict of str to str
-        Units of the components of the estimated disturbances by their names.
-    disturbances : ndarray, (2, nd)
-        The last estimate of these, and its deviations.
+    channels : tuple of LogChannel
+        The estimated disturbances and their deviations.
+    values : dict of str to ndarray, (nd,)
+        The last of these, by the channels' names.
 
     Raises
     ------
     InputError
-        An object without a method `step`, or one for other sensors than those of the rig.
+        An object without a method `step`, or one for other readings than those of the plant.
     """
 
-    def __init__(self, observer: Observer, model: SoftModel, rig: RiggedPlant | None) -> None:
+    def __init__(self, observer: Observer, model: SoftModel, plant: Plant) -> None:
         _check(observer)
-        if rig is None or len(rig.readings.names) == 0:
+        readings = [n for c in plant.channels if c.name == "measured" for n in c.columns or ()]
+        if not readings:
             raise InputError("observer", 'a rig with sensors, such as rig="file"', "none")
-        if rig.alters_states:
+        if plant.alters_states:
             expected = "a rig that alters readings alone: no noise, bias or latency of q and v"
             raise InputError("observer", expected, "one that alters q and v")
-        takes = getattr(observer, "components", len(rig.readings.names))
-        if takes != len(rig.readings.names):
-            raise InputError(
-                "observer", f"one for {len(rig.readings.names)} readings", f"for {takes}"
-            )
-        self._observer, self._model, self.nanoseconds = observer, model, 0
-        self.units: dict[str, str] = getattr(observer, "disturbance_units", {})
-        self.disturbances = np.full((2, len(self.units)), np.nan)
+        takes = getattr(observer, "components", len(readings))
+        if takes != len(readings):
+            raise InputError("observer", f"one for {len(readings)} readings", f"for {takes}")
+        self.observer, self._model, self.nanoseconds = observer, model, 0
+        units: dict[str, str] = getattr(observer, "disturbance_units", {})
+        self._count = len(units)
+        titles = {"disturbances": "estimated", "deviations": "deviation"} if units else {}
+        self.channels = tuple(LogChannel.of(n, units.items(), title) for n, title in titles.items())
+        self.values: dict[str, np.ndarray] = {}
 
     def reset(self) -> None:
         """Begin a run."""
-        if hasattr(self._observer, "reset"):
-            self._observer.reset()
+        if hasattr(self.observer, "reset"):
+            self.observer.reset()
 
     def __call__(self, t: float, measured: np.ndarray, sent: np.ndarray) -> State:
         """The estimated state; it has the estimate's `covariance`, if there is one.
@@ -77,16 +85,17 @@ class Observation:
             The commands sent at the last control step.
         """
         began = perf_counter_ns()
-        estimate = self._observer.step(t, measured, sent)
+        estimate = self.observer.step(t, measured, sent)
         with errors_in("the observer's estimate"):
             state = self._model.state(estimate.q, estimate.v)
-        if self.units:
+        for channel in self.channels:
+            found = np.empty(self._count)
             try:
-                np.concatenate([*estimate.disturbances.values()], out=self.disturbances[0])
-                np.concatenate([*estimate.deviations.values()], out=self.disturbances[1])
+                np.concatenate([*getattr(estimate, channel.name).values()], out=found)
             except (AttributeError, TypeError, ValueError):
-                expected = f"disturbances and deviations of {len(self.units)} components"
+                expected = f"{channel.name} of {self._count} components"
                 raise InputError("the observer's estimate", expected, "others") from None
+            self.values[channel.name] = found
         covariance = getattr(estimate, "covariance", None)
         if covariance is not None:
             state = State.trusted(**vars(state), covariance=covariance)
@@ -94,8 +103,8 @@ class Observation:
         return state
 
 
-def make_observer(model: SoftModel, rig: Rig | str | None, words: str) -> Any:
-    """The observer that a command's option means: an `Ekf` of the rig, or a user's class.
+def make_observer(model: SoftModel, rig: Rig | str | None, observer: Observer | str | None) -> Any:
+    """The observer that words mean: an `Ekf` of the rig, or a user's class.
 
     Parameters
     ----------
@@ -103,23 +112,25 @@ def make_observer(model: SoftModel, rig: Rig | str | None, words: str) -> Any:
         The robot.
     rig : Rig or str or None
         The rig of the run; its motors and sensors are those of the `Ekf`.
-    words : str
+    observer : Observer or str, optional
         Names of disturbances, separated by commas, maybe none; or FILE.py:CLASS, which is built as
-        CLASS(model).
+        CLASS(model). An observer, or None, is returned as it is.
 
     Raises
     ------
     InputError
         No rig, an unknown disturbance, a class that cannot be made.
     """
+    if not isinstance(observer, str):
+        return observer
     given = rig_of(rig)
     if given is None:
         raise InputError("observer", 'a rig with sensors, such as rig="file"', "none")
     rigged = softdyn.build(given.robot(model.robot), model.bundled)
-    if is_own(words):
-        with one_line_errors(words, "an observer"):
-            return _check(find_controller(words)(rigged))
-    return Ekf(rigged, disturbances=[word for word in words.split(",") if word])
+    if is_own(observer):
+        with one_line_errors(observer, "an observer"):
+            return _check(find_controller(observer)(rigged))
+    return Ekf(rigged, disturbances=[word for word in observer.split(",") if word])
 
 
 def _check(observer: Any) -> Any:

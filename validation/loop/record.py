@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
@@ -16,11 +16,12 @@ import numpy as np
 import softdyn
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import number
-from softdyn.controllers.controller import Command, InputGuard
+from softdyn.controllers.controller import Command
 from softdyn.controllers.qps.stacked_error import rows_of
+from softdyn.description.task_mark import TaskMark
 from softdyn.tasks.marks import marks_of, target_row
 from softdyn.tasks.task import Task, errors_along
-from softdyn.validation.loop.log_checks import EXTRA, GOING, SHAPES
+from softdyn.validation.channels import LogChannel, every_run, goals
 
 LONGEST = 200  # characters of a status
 LARGEST = 2**53  # of a count: a float represents all integers up to it
@@ -64,7 +65,7 @@ class ControlStep:
 
 
 class Recorder:
-    """Fills a log's arrays, allocated once for the planned run.
+    """Fills the channels of a run, allocated once for all its periods.
 
     Parameters
     ----------
@@ -72,104 +73,105 @@ class Recorder:
         The robot.
     t : np.ndarray, (N + 1,)
         The sampling times of N control steps (s).
-    guard : InputGuard
-        Checks and clips the inputs; the controller's own guard has already done so.
+    more : iterable of LogChannel
+        The channels besides those of every run.
 
     Attributes
     ----------
-    t, q, v, y, y_ref, error, u, V, delta, step_us, u_min, u_max : np.ndarray
-        As in `Log`; NaN where no sample was recorded.
+    t : np.ndarray, (N + 1,)
+        The sampling times.
+    channels : dict of str to LogChannel
+        The channels by name.
     samples : int
         The number of samples recorded.
     """
 
-    def __init__(self, model: SoftModel, t: np.ndarray, guard: InputGuard) -> None:
-        size = {"samples": len(t), "steps": len(t) - 1, "space": 3}
-        size |= {"nq": model.nq, "nv": model.nv, "nu": model.nu}
-        made = {
-            name: np.full([size[axis] for axis in axes], np.nan) for name, axes in SHAPES.items()
-        }
-        self.t, self.u_min, self.u_max = t, model.u_min, model.u_max
-        self.q, self.v, self.u = made["q"], made["v"], made["u"]
-        self.y, self.y_ref, self.error = made["y"], made["y_ref"], made["error"]
-        self.V, self.delta, self.step_us = made["V"], made["delta"], made["step_us"]
-        self._guard, self._model = guard, model
-        self.samples = 0
-        self._statuses: list[str] = []
-        self._extra: dict[str, np.ndarray] = {}  # only if the answer has it
+    def __init__(self, model: SoftModel, t: np.ndarray, more: Iterable[LogChannel] = ()) -> None:
+        self.t, self.samples, self._model = t, 0, model
+        self.channels: dict[str, LogChannel] = {}
+        self._arrays: dict[str, np.ndarray] = {}
+        for channel in (*every_run(model), *more):
+            self.add(channel)
+        self._arrays["t"] = t
+
+    def add(self, channel: LogChannel) -> None:
+        """Record one channel more."""
+        self.channels[channel.name] = channel
+        self._arrays[channel.name] = channel.empty(len(self.t))
+
+    def put(self, k: int, **values: Any) -> None:
+        """Record values at sample or step `k`, by the channels' names."""
+        for name, value in values.items():
+            self._arrays[name][k] = value
 
     def sample(self, k: int, y: np.ndarray, y_ref: np.ndarray) -> float:
         """Record the tip (3,) and its reference (3,) at sample `k`; returns ‖e‖ (m)."""
-        error = np.subtract(y, y_ref, out=self.error[k])
-        self.y[k], self.y_ref[k] = y, y_ref
+        error = np.subtract(y, y_ref, out=self._arrays["error"][k])
+        self.put(k, y=y, y_ref=y_ref)
         self.samples = k + 1
         return math.hypot(*error.tolist())  # no overflow
 
-    def output(self, k: int, answer: ControllerOutput, nanoseconds: int) -> str | None:
-        """Record an answer with clipped input; return why it cannot be used, or None."""
-        try:
-            u = getattr(answer, "u", answer)  # the answer may be a plain array
-            if isinstance(u, np.ma.MaskedArray):
-                return "its u is a masked array"
-            self.u[k] = self._guard.admit(u)
-        except InputError as error:
-            return str(error)
-        self.V[k] = _scalar(getattr(answer, "V", None))
-        self.delta[k] = _scalar(getattr(answer, "delta", None))
-        if isinstance(answer, Command) and math.isfinite(answer.distance):
-            if "distance" not in self._extra:
-                self.extra(GOING)
-            self.put(k, distance=np.array(answer.distance))
+    def output(self, k: int, answer: ControllerOutput, u: np.ndarray, nanoseconds: int) -> None:
+        """Record an answer, its input within the bounds, and the time that it took."""
         status = getattr(answer, "status", "")
-        self._statuses.append(str(status.value if isinstance(status, Enum) else status)[:LONGEST])
-        self.step_us[k] = nanoseconds / 1e3
-        return None
+        self.put(
+            k, u=u, V=_scalar(getattr(answer, "V", None)),
+            delta=_scalar(getattr(answer, "delta", None)), step_us=nanoseconds / 1e3,
+            status=str(status.value if isinstance(status, Enum) else status)[:LONGEST],
+        )  # fmt: skip
+        if isinstance(answer, Command) and math.isfinite(answer.distance):
+            if "distance" not in self.channels:
+                self.add(LogChannel("distance", units=("m",), held=True))
+            self.put(k, distance=answer.distance)
 
-    def extra(self, names: Iterable[str], **sizes: int) -> None:
-        """Prepare arrays of `EXTRA`; `sizes` are the lengths of their axes of their own."""
-        sizes |= {"samples": len(self.t), "steps": len(self.t) - 1}
-        sizes |= {"nq": self.q.shape[1], "nv": self.v.shape[1], "nu": self.u.shape[1]}
-        self._extra |= {
-            name: np.full([sizes[axis] for axis in EXTRA[name]], np.nan) for name in names
-        }
+    def repeat(self, k: int, y_ref: np.ndarray) -> None:
+        """Record at sample `k` what sample k - 1 has, without a step time."""
+        for name, array in self._arrays.items():
+            if name != "t":
+                array[k] = array[k - 1]
+        self.put(k, step_us=np.nan, status="left out")
+        self.sample(k, self._arrays["y"][k].copy(), y_ref)
 
-    def put(self, k: int, **values: np.ndarray) -> None:
-        """Record values at sample or step `k`, by the names of `EXTRA`."""
-        for name, value in values.items():
-            self._extra[name][k] = value
+    def share(self, shared: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Keep all numbers in the arrays that a function returns for the present ones."""
+        for name, array in self._arrays.items():
+            if array.dtype != object:
+                self._arrays[name] = shared(array)
+        self.t = self._arrays["t"]
 
-    def task_errors(self, steps: int, controller: object, reference: Any) -> dict[str, Any]:
-        """Errors of a controller's `tasks` at the finite samples, and the targets of the tasks."""
+    def error_at(self, k: int) -> np.ndarray:
+        """The error (3,) (m) of sample `k`."""
+        return self._arrays["error"][k]
+
+    def of_tasks(
+        self, steps: int, controller: object, reference: Any
+    ) -> tuple[list[LogChannel], tuple[TaskMark, ...]]:
+        """Errors of a controller's `tasks` at the finite samples, and their targets and marks."""
         tasks = tasks_in(controller)
         if not tasks:
-            return {}
-        t, q, v = (values[: steps + 1] for values in (self.t, self.q, self.v))
+            return [], ()
+        t, q, v = (self._arrays[name][: steps + 1] for name in ("t", "q", "v"))
         known = np.isfinite(np.hstack((q, v))).all(axis=1)
         run = SimpleNamespace(t=t[known], q=q[known], v=v[known])
         found = errors_along(self._model, tasks, run, reference)
         parts = [task.columns(rows_of(task, self._model)) for task in tasks]
         units = {name: unit for part in parts for name, (unit, _) in part.items()}
-        errors = np.full((len(t), len(units)), np.nan)
+        channel = LogChannel.of("tasks", units.items(), "task")
+        errors = channel.empty(len(t))
         errors[known] = np.column_stack([found[name] for name in units])
-        made = {"tasks": errors, "task_names": (*units,), "task_units": (*units.values(),)}
-        marks = marks_of(tasks)
-        if not marks:
-            return made
-        rows = [target_row(tasks, reference(float(time))) for time in t]
-        return {**made, "targets": np.array(rows), "marks": marks}
+        made, marks = [channel.filled(errors)], marks_of(tasks)
+        if marks:
+            rows = np.array([target_row(tasks, reference(float(time))) for time in t])
+            made.append(LogChannel.of("targets", goals(marks), "goal").filled(rows))
+        return made, marks
 
-    def arrays(self, steps: int) -> dict[str, np.ndarray]:
-        """The arrays of a log of a run that did `steps` control steps."""
-        ends = {"samples": steps + 1, "steps": steps}
-        extra = {
-            name: values[: ends[EXTRA[name][0]]].copy() for name, values in self._extra.items()
-        }
-        return extra | {
-            name: np.array(self._statuses[:steps], str)
-            if name == "status"
-            else getattr(self, name)[: ends.get(axes[0])].copy()
-            for name, axes in SHAPES.items()
-        }
+    def filled(self, steps: int) -> list[LogChannel]:
+        """The channels of a run that did `steps` control steps."""
+        found = []
+        for name, channel in self.channels.items():
+            values = self._arrays[name][: steps + (not channel.held)]
+            found.append(channel.filled(values.astype(str) if channel.text else values.copy()))
+        return found
 
 
 class Counts:

@@ -10,16 +10,16 @@ import numpy as np
 
 from softdyn import InputError, Reference, SoftModel, State
 from softdyn.dynamics.model import check_model
-from softdyn.validation.loop.arguments import nowhere
+from softdyn.validation.loop.arguments import RunOptions, nowhere
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.experiment import ROLLOUT
 from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.plants import IdealPlant
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.processes import in_order
 from softdyn.validation.rollouts import threads
 from softdyn.validation.rollouts.inputs import Commanded, Inputs, held_inputs
-from softdyn.validation.twin.rig import Rig, RiggedPlant, rig_of
-from softdyn.validation.twin.settings import Integrator
+from softdyn.validation.twin.rig import RiggedPlant
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
 
@@ -30,15 +30,8 @@ def rollout(
     duration: float = 3.0,
     *,
     hold: float | None = None,
-    period: float | None = None,
-    timestep: float | None = None,
-    integrator: Integrator | str = Integrator.IMPLICITFAST,
-    q0: np.ndarray | None = None,
-    v0: np.ndarray | None = None,
-    contacts: bool = False,
-    friction: bool = False,
-    rig: Rig | str | None = None,
     commands: Sequence[str] = (),
+    **options: Any,
 ) -> Log:
     """Let the twin move under given inputs, and record what happens.
 
@@ -53,25 +46,15 @@ def rollout(
         Length of the run (s).
     hold : float, optional
         Time for which each row is held (s); by default the rows share the duration evenly.
-    period : float, optional
-        Time between two samples of the log (s), an integer part of `hold`; by default the largest
-        that is at most 2 ms.
-    timestep : float, optional
-        Plant step (s), which must divide the period; by default the largest ≤ 0.5 ms.
-    integrator : Integrator or str
-        ``implicitfast`` is of first order and robust, ``rk4`` of fourth order.
-    q0, v0 : np.ndarray, (nq,), (nv,), optional
-        Initial state, within the joint limits; by default at rest in the configuration within the
-        limits that is nearest to q = 0.
-    contacts, friction : bool
-        Whether the links can touch, and whether the file's dry friction acts.
-    rig : Rig or str, optional
-        None for an ideal rig, ``"file"`` for that of the robot's file, or a `Rig`. Its winches then
-        get commands for the inputs, which are forces.
     commands : sequence of str, optional
         Names of inputs that are no forces but commands of the rig's motors: free lengths (m) or
         velocities (m/s) of winches, forces of other motors. A free length beyond its bounds is
         refused. `Log.u` has the force that the command gives at the beginning of each period.
+    **options : Any
+        The fields of `RunOptions`: ``timestep``, ``integrator``, ``q0``, ``v0``, ``contacts``,
+        ``friction``, ``plant``, ``rig``, and ``period``, the time between two samples of the log
+        (s), an integer part of `hold`; by default the largest that is at most 2 ms. The winches of
+        a rig get commands for inputs that are forces.
 
     Returns
     -------
@@ -83,12 +66,7 @@ def rollout(
     InputError
         For inputs and arguments that cannot be run.
     """
-    found = rollouts(
-        model, [inputs], duration, hold=hold, period=period, timestep=timestep,
-        integrator=integrator, q0=q0, v0=v0, contacts=contacts, friction=friction, rig=rig,
-        commands=commands,
-    )  # fmt: skip
-    return found[0]
+    return rollouts(model, [inputs], duration, hold=hold, commands=commands, **options)[0]
 
 
 def rollouts(
@@ -97,9 +75,6 @@ def rollouts(
     duration: float = 3.0,
     *,
     hold: float | None = None,
-    period: float | None = None,
-    timestep: float | None = None,
-    rig: Rig | str | None = None,
     commands: Sequence[str] = (),
     **options: Any,
 ) -> list[Log]:
@@ -110,7 +85,7 @@ def rollouts(
 
     Parameters
     ----------
-    model, duration, hold, period, timestep, rig, commands, **options
+    model, duration, hold, commands, **options
         As for `rollout`.
     batch : sequence of inputs, or np.ndarray, (runs, steps, nu)
         The inputs of each run, all in forms with the same period.
@@ -128,31 +103,33 @@ def rollouts(
     check_model(model)
     if not isinstance(batch, Sequence | np.ndarray) or not len(batch):
         raise InputError("batch", "the inputs of each run", repr(batch))
-    commanded = Commanded.of(model, commands, rig)
+    given = RunOptions.of(options)
+    commanded = Commanded.of(model, commands, given.rig)
     planned = [
-        held_inputs(model, inputs, duration, hold, period, timestep, commanded) for inputs in batch
+        held_inputs(model, inputs, duration, hold, given.period, given.timestep, commanded)
+        for inputs in batch
     ]
     grid = planned[0][0]
     for k, (other, _) in enumerate(planned):
         if other != grid:
             expected = f"a period of {grid.period:g} s, as the first run has"
             raise InputError(f"batch[{k}]", expected, f"{other.period:g} s")
-    options |= {"duration": duration, "period": grid.period, "timestep": grid.timestep}
+    given = replace(given, duration=duration, period=grid.period, timestep=grid.timestep)
     u = np.array([each for _, each in planned])
-    direct = commanded.direct
-    loop = _loop(model, u[0], options, rig, direct)
-    if rig_of(rig) is None and isinstance(loop.plant, Twin) and threads.fits(loop.plant, grid):
-        loop.plant.model.opt.enableflags = 0  # nothing here needs the energy
-        empty, states = loop.log(), StateMap(model, loop.plant)
+    loop = _loop(model, u[0], given, commanded.direct)
+    twin = loop.plant.engine if isinstance(loop.plant, IdealPlant) else None
+    if isinstance(twin, Twin) and threads.fits(twin, grid):
+        twin.model.opt.enableflags = 0  # nothing here needs the energy
+        empty, states = loop.log(), StateMap(model, twin)
         found = []
-        for each, moved in zip(u, threads.integrate(loop.plant, grid, u), strict=True):
+        for each, moved in zip(u, threads.integrate(twin, grid, u), strict=True):
             if moved is None:  # the loop says why it diverged
-                found.append(_run(model, each, options, rig, direct))
+                found.append(_run(model, each, given, commanded.direct))
                 continue
             q, v = (np.array(rows) for rows in zip(*map(states.from_twin, *moved), strict=True))
             found.append(_filled(empty, model, grid, q, v, each))
         return found
-    cases = [(model, each, options, rig, direct) for each in u]
+    cases = [(model, each, given, commanded.direct) for each in u]
     return in_order(_run, cases, -1 if len(u) > 1 else 1)
 
 
@@ -170,20 +147,16 @@ class _GivenInputs:
 
     def __call__(self, state: State, reference: Reference) -> _GivenInputs:
         row = next(self._rows)
-        self.u = row if self.rig is None else self.rig.direct(row, self._direct)
+        self.u = row if self.rig is None else self.rig.direct(row, self._direct, state)
         return self
 
 
-def _loop(
-    model: SoftModel,
-    u: np.ndarray,
-    options: dict[str, Any],
-    rig: Rig | str | None,
-    direct: np.ndarray,
-) -> ClosedLoop:
-    given = _GivenInputs(u, direct)
-    loop = ClosedLoop(model, given, nowhere, rig=rig, **options)
-    given.rig = loop.rig if direct.any() else None
+def _loop(model: SoftModel, u: np.ndarray, options: RunOptions, direct: np.ndarray) -> ClosedLoop:
+    inputs = _GivenInputs(u, direct)
+    loop = ClosedLoop(model, inputs, nowhere, options)
+    if direct.any():
+        assert isinstance(loop.plant, RiggedPlant)
+        inputs.rig = loop.plant
     return loop
 
 
@@ -193,19 +166,13 @@ def _filled(
     """The log of a complete run from its states and inputs."""
     y = np.array([model.state(*state).y for state in zip(q, v, strict=True)])
     unknown = np.full(len(u), np.nan)
-    return replace(
-        empty, t=grid.times(), q=q, v=v, y=y, y_ref=np.full(y.shape, np.nan),
+    return empty.altered(
+        t=grid.times(), q=q, v=v, y=y, y_ref=np.full(y.shape, np.nan),
         error=np.full(y.shape, np.nan), u=u, V=unknown, delta=unknown,
         status=np.full(len(u), ""), step_us=unknown, complete=True,
     )  # fmt: skip
 
 
-def _run(
-    model: SoftModel,
-    u: np.ndarray,
-    options: dict[str, Any],
-    rig: Rig | str | None,
-    direct: np.ndarray,
-) -> Log:
-    log = _loop(model, u, options, rig, direct).run()
-    return replace(log, step_us=np.full(log.steps, np.nan))
+def _run(model: SoftModel, u: np.ndarray, options: RunOptions, direct: np.ndarray) -> Log:
+    log = _loop(model, u, options, direct).run()
+    return log.altered(step_us=np.full(log.steps, np.nan))

@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 import mujoco
 import numpy as np
 
-from softdyn.description.inertia import IDENTITY, Origin
-from softdyn.description.robot import Joint, Robot
+from softdyn.description.inertia import IDENTITY, Origin, Vector
+from softdyn.description.robot import Joint, Robot, Tendon, Wrap
 from softdyn.exceptions import UrdfError
 from softdyn.validation.twin import drives
 from softdyn.validation.twin.bodies import STATIC, Body, Shape, Tree, TwinJoint
@@ -21,6 +21,10 @@ from softdyn.validation.twin.cable_friction import add_guides
 from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF, Settings
 
 TASK_SITE = "task"
+WRAP_GROUP = 4  # of geoms; MuJoCo's viewer hides it
+# Sites this near to a surface, as a share of the radius, stand this far off it. The length then
+# changes by 1e-18 m and the site's own direction by 1e-6, but not as seen by any joint.
+ON_SURFACE, OFF_SURFACE = 1e-9, 1e-12
 ROUNDING = 1e-12  # m, and of a quaternion: frames this close are the same
 
 
@@ -100,7 +104,13 @@ def _specify(robot: Robot, tree: Tree, timestep: float | None) -> mujoco.MjSpec:
     for tendon in robot.tendons:
         drives.add_tendon(spec, tendon)
         for k, site in enumerate(tendon.sites):
-            _add_site(bodies, tree, site.link, Origin(site.xyz), drives.site_name(tendon, k))
+            place = Origin(_off_surfaces(tree, tendon, k))
+            _add_site(bodies, tree, site.link, place, drives.site_name(tendon, k))
+        for wrap in tendon.wraps:
+            _add_wrap(bodies, tree, wrap, drives.wrap_name(tendon, wrap))
+            if tendon.rubs:
+                place = Origin(wrap.xyz)
+                _add_site(bodies, tree, wrap.link, place, drives.anchor_name(tendon, wrap))
     _add_site(bodies, tree, robot.task, IDENTITY, TASK_SITE)
     drives.add_inputs(spec, robot, timestep)
     if timestep is not None:
@@ -200,6 +210,49 @@ def _add_site(
     site.quat = _quaternion(pose[:3, :3] @ origin.rotation)
 
 
+def _add_wrap(bodies: list[mujoco.MjsBody], tree: Tree, wrap: Wrap, name: str) -> None:
+    """A round body as a geom without mass and contacts, and its side point as a site.
+
+    MuJoCo takes a side site for an inner one if its distance from the geom's centre is less than
+    the radius, so the site stands across the axis.
+    """
+    index, pose = tree.place[wrap.link]
+    kinds, size = mujoco.mjtGeom, 4.0 * wrap.radius if wrap.length is None else wrap.length
+    geom = bodies[index].add_geom()
+    geom.name = name
+    geom.type = kinds.mjGEOM_SPHERE if wrap.axis is None else kinds.mjGEOM_CYLINDER
+    geom.size = (wrap.radius, 0.0 if wrap.axis is None else size / 2, 0.0)
+    geom.pos = pose[:3, :3] @ wrap.xyz + pose[:3, 3]
+    mujoco.mju_quatZ2Vec(geom.quat, pose[:3, :3] @ wrap.direction)
+    geom.mass, geom.contype, geom.conaffinity, geom.group = 0.0, 0, 0, WRAP_GROUP
+    if wrap.side is not None:
+        across = np.zeros(3) if wrap.inside else wrap.across(np.array(wrap.side))
+        place = Origin(tuple((wrap.xyz + across).tolist()))
+        _add_site(bodies, tree, wrap.link, place, name)
+
+
+def _off_surfaces(tree: Tree, tendon: Tendon, k: int) -> Vector:
+    """A site's position in its link, moved off the surface of a round body of the same body.
+
+    MuJoCo wraps nothing if a site is inside by rounding.
+    """
+    site = tendon.sites[k]
+    index, pose = tree.place[site.link]
+    point = start = pose[:3, :3] @ site.xyz + pose[:3, 3]
+    for wrap in tendon.wraps:
+        carrier, frame = tree.place[wrap.link]
+        if carrier != index or wrap.after not in (k - 1, k):
+            continue
+        across = frame[:3, :3] @ wrap.across(frame[:3, :3].T @ (point - frame[:3, 3]))
+        distance = float(np.linalg.norm(across))
+        if abs(distance / wrap.radius - 1.0) < ON_SURFACE:
+            point = point + across * ((1.0 + OFF_SURFACE) * wrap.radius / distance - 1.0)
+    if point is start:
+        return site.xyz
+    x, y, z = (pose[:3, :3].T @ (point - pose[:3, 3])).tolist()
+    return x, y, z
+
+
 def _finish(model: mujoco.MjModel, robot: Robot, tree: Tree, rig: bool) -> np.ndarray:
     """Write the numbers that the compiler would have refused, and recompute MuJoCo's constants.
 
@@ -242,6 +295,7 @@ def keep_small_offsets(model: mujoco.MjModel) -> None:
     inertial = model.body_ipos, model.body_iquat
     for codes, frame, bodies in (
         (model.site_sameframe, (model.site_pos, model.site_quat), model.site_bodyid),
+        (model.geom_sameframe, (model.geom_pos, model.geom_quat), model.geom_bodyid),
         (model.body_sameframe, inertial, np.arange(model.nbody)),
     ):
         for k, (code, body) in enumerate(zip(codes.tolist(), bodies, strict=True)):

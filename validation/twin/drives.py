@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from softdyn.description.rig import Actuator, CommandKind, Sensor, SensorKind
-from softdyn.description.robot import Robot, Tendon
+from softdyn.description.robot import Robot, Tendon, Wrap
 from softdyn.exceptions import InputError
 
 LARGEST_FORCE = 1e15  # stands for no bound
@@ -70,6 +70,16 @@ def site_name(tendon: Tendon, k: int) -> str:
     return f"{tendon.name}:{k}"
 
 
+def wrap_name(tendon: Tendon, wrap: Wrap) -> str:
+    """Name of the geom of a round body of a tendon, and of its side site."""
+    return f"{tendon.name}:{wrap.after}:around"
+
+
+def anchor_name(tendon: Tendon, wrap: Wrap) -> str:
+    """Name of the site where a cable that rubs leaves a round body."""
+    return f"{wrap_name(tendon, wrap)}:leaves"
+
+
 def frame_name(sensor: Sensor) -> str:
     """Name of the site at a sensor's frame."""
     return f"sensor:{sensor.name}"
@@ -92,8 +102,12 @@ def add_tendon(spec: mujoco.MjSpec, tendon: Tendon) -> None:
     added.limited, added.frictionloss, added.armature = 0, 0.0, 0.0
     for term in tendon.terms:
         added.wrap_joint(term.joint, term.coef)
+    between = {wrap.after: wrap for wrap in tendon.wraps}
     for k in range(len(tendon.sites)):
         added.wrap_site(site_name(tendon, k))
+        if k in between:
+            name = wrap_name(tendon, between[k])
+            added.wrap_geom(name, "" if between[k].side is None else name)
 
 
 def add_inputs(spec: mujoco.MjSpec, robot: Robot, timestep: float | None) -> None:

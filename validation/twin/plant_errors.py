@@ -65,10 +65,15 @@ class PlantErrors:
             for joint, factor in value.items() if isinstance(value, Mapping) else [("", value)]:
                 number(f"{name}.{joint}".rstrip("."), factor, lower=0.0)
 
+    @property
+    def rubs(self) -> bool:
+        """Whether there is dry friction."""
+        return self.friction or self.dry_friction > 0
+
     def twin(self, *arguments: Any, **options: Any) -> Twin:
         """`Twin` with these differences; its own options may add contacts and friction."""
-        for name in ("contacts", "friction"):
-            options[name] = options.get(name, False) or self.options()[name]
+        for name, own in (("contacts", self.contacts), ("friction", self.rubs)):
+            options[name] = options.get(name, False) or own
         return self.applied(Twin(*arguments, **options))
 
     def applied(self, twin: Twin) -> Twin:
@@ -101,11 +106,6 @@ class PlantErrors:
             mujoco.mj_setConst(model, twin.data)
             twin.reset()
         return twin
-
-    def options(self) -> dict[str, Any]:
-        """The arguments of `simulate` that concern the plant."""
-        friction = self.friction or self.dry_friction > 0
-        return {"twin": self.twin, "contacts": self.contacts, "friction": friction}
 
 
 def multiplied(factors: Factors, by: float) -> Factors:

@@ -19,8 +19,10 @@ from softdyn.description.rig import LONGEST_DELAY, SMALLEST_WINCH, CommandKind, 
 from softdyn.description.robot import MOST_FRICTION, Robot, Tendon
 from softdyn.plausible import beyond_seconds, too_slow
 from softdyn.toml_table import TomlTable
+from softdyn.validation.channels import LogChannel, inputs, positions, rates
 from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.readings import Readings, command_units, component_units
+from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
 
 FROM_FILE = "file"
@@ -179,12 +181,6 @@ class _Errors:
         return model.state(q, state.v + dv / self._period)
 
 
-def check_rig(own: object, twin: object) -> None:
-    """Refuse a rig together with another plant."""
-    if own is not None or twin is not Twin:
-        raise InputError("rig", "none with a plant of your own: its file states its drives", "both")
-
-
 def rig_of(value: Any) -> Rig | None:
     """The rig that an argument means: None, ``"file"`` or a `Rig`.
 
@@ -247,7 +243,7 @@ class RiggedPlant(Separate):
     The controller's forces u become commands. A winch gets the free length at which its tension is
     the force that was asked for, at the state that the controller saw; a velocity leads there in
     one control period. `direct` sends commands instead. A bound on a command's rate acts in every
-    plant step, before the delay.
+    plant step, before the delay. It is a `softdyn.validation.loop.plants.Plant`.
 
     Parameters
     ----------
@@ -266,6 +262,10 @@ class RiggedPlant(Separate):
         The plant.
     readings : Readings
         Its sensors.
+    channels : tuple of LogChannel
+        The quantities that it records.
+    settings : dict of str to Any
+        The fields of a log that it states.
     command : np.ndarray, (nu,)
         The last command, in the file's units.
     sent : np.ndarray, (nu,)
@@ -274,12 +274,13 @@ class RiggedPlant(Separate):
         Whether the controller's q and q̇ are late, noisy or biased.
     """
 
+    real_time = False
+
     def __init__(self, rig: Rig, model: SoftModel, period: float, **options: Any) -> None:
         robot = rig.robot(model.robot)
-        for name, value in rig.plant.options().items():
-            if name != "twin":
-                options[name] = options.get(name, False) or value
+        self.settings = {"contacts": options.get("contacts", False) or rig.plant.contacts}
         self.twin: Twin = rig.plant.twin(robot, rig=True, **options)
+        self._states, self._model = StateMap(model, self.twin), model
         self.readings = Readings(self.twin, (rig.seed, SENSOR_STREAM))
         self._winches, self._period = Winches(model, robot.actuators), period
         self._drivers = Drivers(robot, self.twin.model.opt.timestep)
@@ -290,62 +291,65 @@ class RiggedPlant(Separate):
                 warnings.warn(line, stacklevel=2)
         self._past: deque[State] = deque(maxlen=round(rig.latency / period) + 1)
         self._zero = np.clip(0.0, model.u_min, model.u_max)
+        names = [actuator.name for actuator in robot.actuators]
+        self.channels = (
+            LogChannel.of("command", zip(names, command_units(robot), strict=True), held=True),
+            LogChannel.of("acting", inputs(model)),
+            LogChannel.of(
+                "measured", zip(self.readings.names, component_units(robot), strict=True)
+            ),
+            LogChannel.of("q_seen", positions(model), held=True),
+            LogChannel.of("v_seen", rates(model), held=True),
+        )
 
-    def columns(self) -> dict[str, Any]:
-        """The fields of a log that name the columns of `command` and `measured`."""
-        robot = self.twin.robot
-        return {
-            "sensor_names": self.readings.names,
-            "sensor_units": component_units(robot),
-            "command_units": command_units(robot),
-        }
-
-    def start(self, state: State, u: np.ndarray | None = None) -> None:
-        """Begin at the twin's present state, with the input u (nu,) long held.
+    def start(
+        self, q: np.ndarray, v: np.ndarray, t: float = 0.0, u: np.ndarray | None = None
+    ) -> None:
+        """Begin in a state, with the input u (nu,) long held.
 
         By default u is zero, or the bound nearest to it.
         """
+        self.twin.set_state(*self._states.to_twin(q, v), t)
+        state = self._model.state(q, v)
         lengths = self._winches.commands(state, self._zero if u is None else u)
         self.command = self.sent = self._drivers.start(lengths)
         self.twin.hold(self.command, lengths)
         self._past.clear()
-        self._seen, self._commands = state, np.full(len(lengths), np.nan)
+        self._commands = np.full(len(lengths), np.nan)
 
-    def show(self, estimate: State) -> State:
-        """The state that the controller sees is this estimate."""
-        self._seen = estimate
-        return estimate
+    def state(self) -> tuple[np.ndarray, np.ndarray]:
+        """The twin's q (nq,) and v (nv,)."""
+        return self._states.from_twin(self.twin.data.qpos, self.twin.data.qvel)
 
     def see(self, state: State) -> State:
         """The state that the controller sees instead of `state`."""
         self._past.append(state)
         late = self._past[0]
-        self._seen = late if self._errors is None else self._errors(late)
-        return self._seen
+        return late if self._errors is None else self._errors(late)
 
-    def sample(self) -> tuple[np.ndarray, np.ndarray]:
+    def sample(self) -> dict[str, np.ndarray]:
         """The inputs (nu,) that act now, as forces, and the sensors' readings (k,)."""
         self.twin.refresh()
-        return self.acting, self.readings()[0]
+        return {"acting": self.acting, "measured": self.readings()[0]}
 
     @property
     def acting(self) -> np.ndarray:
         """The inputs (nu,) that act, as forces; after `advance` those of one plant step before."""
         return self.twin.data.actuator_force[: self.twin.nu].copy()
 
-    def direct(self, values: np.ndarray, commanded: np.ndarray) -> np.ndarray:
+    def direct(self, values: np.ndarray, commanded: np.ndarray, seen: State) -> np.ndarray:
         """The forces (nu,) for values (nu,) that are commands where `commanded`, forces elsewhere.
 
-        A command becomes the force that it gives at the state that the controller saw; of a
+        A command becomes the force that it gives at the state that the controller saw, `seen`; of a
         velocity, that of the present free length. The next `advance` sends the command itself.
         """
         self._commands = np.where(commanded, values, np.nan)
         lengths = np.where(self._drivers.speeds, self.twin.free_lengths, values)
-        return np.where(commanded, self._winches.tensions(self._seen, lengths), values)
+        return np.where(commanded, self._winches.tensions(seen, lengths), values)
 
-    def advance(self, u: np.ndarray, steps: int) -> np.ndarray:
-        """Integrate under the command for the force u (nu,); returns the last command (nu,)."""
-        asked, drivers = self._winches.commands(self._seen, u), self._drivers
+    def advance(self, u: np.ndarray, steps: int, seen: State) -> dict[str, np.ndarray]:
+        """Integrate under the command for the force u (nu,), which is computed at `seen`."""
+        asked, drivers = self._winches.commands(seen, u), self._drivers
         if drivers.speeds.any():
             change = (asked - self.twin.free_lengths) / self._period
             asked = np.where(drivers.speeds, change, asked)
@@ -354,8 +358,8 @@ class RiggedPlant(Separate):
         if drivers.prompt:
             self.command = asked
             self.twin.advance(asked, steps)
-            return asked
+            return {"command": asked}
         for _ in range(steps):
             self.command = drivers.step(asked)
             self.twin.advance(self.command)
-        return self.command
+        return {"command": self.command}

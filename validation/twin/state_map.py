@@ -19,7 +19,7 @@ WXYZ = [3, 0, 1, 2]  # MuJoCo's quaternion from Pinocchio's (x, y, z, w)
 XYZW = [1, 2, 3, 0]
 
 
-class Plant(Protocol):
+class MujocoPlant(Protocol):
     """A MuJoCo model with a state that can be set and integrated under an input, such as `Twin`."""
 
     @property
@@ -54,7 +54,7 @@ class Plant(Protocol):
 
 
 @runtime_checkable
-class MappedPlant(Plant, Protocol):
+class MappedPlant(MujocoPlant, Protocol):
     """A plant from a user's file, with its own settings and convention map."""
 
     timestep: float  # s
@@ -99,8 +99,8 @@ class StateMap:
     ----------
     model : SoftModel
         The analytic model.
-    twin : Plant
-        A `Twin`, or another `Plant`.
+    twin : MujocoPlant
+        A `Twin`, or another `MujocoPlant`.
     called : dict[str, int], optional
         The twin's joint for each of our joint names; joints of the same name by default.
     turns : dict[str, tuple[float, float]], optional
@@ -127,7 +127,7 @@ class StateMap:
     def __init__(
         self,
         model: SoftModel,
-        twin: Plant,
+        twin: MujocoPlant,
         called: dict[str, int] | None = None,
         turns: dict[str, tuple[float, float]] | None = None,
     ) -> None:
@@ -274,7 +274,7 @@ def _check_turns(turns: Any, names: set[str]) -> None:
 
 
 def _addresses(
-    twin: Plant, called: dict[str, int], names: Sequence[str]
+    twin: MujocoPlant, called: dict[str, int], names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Addresses of our joints in the twin's qpos and qvel."""
     joints = [called[name] for name in names]

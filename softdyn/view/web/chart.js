@@ -123,11 +123,13 @@ class Symmetric {
   ticks(low, high) { return powersOfTen(low, high); }
 }
 
-/** A number of an axis in few characters. */
-function short(x) {
+/** A number of an axis, in as few characters as tell it from one that is a `step` away. */
+function short(x, step) {
   if (x == 0) return "0";
-  if (Math.abs(x) >= 1e4 || Math.abs(x) < 1e-2) return x.toExponential(0).replace("e+", "e");
-  return String(Number(x.toPrecision(3)));
+  const size = Math.floor(Math.log10(Math.abs(x)) + 1e-9);
+  const digits = Math.max(0, Math.min(size - Math.floor(Math.log10(step) + 1e-9), 15));
+  if (size >= 4 || size < -2) return x.toExponential(digits).replace("e+", "e");
+  return String(Number(x.toPrecision(Math.max(3, digits + 1))));
 }
 
 /**
@@ -212,12 +214,14 @@ class Chart {
       pen.textAlign = "right";
       pen.textBaseline = "middle";
       const lines = [], ticks = this.scale.ticks(this.low, this.high, this.height / 20);
+      const steps = ticks.slice(1).map((value, i) => value - ticks[i]);
+      const step = Math.min(...steps.map(Math.abs), Math.abs(ticks[0]) || Infinity);
       for (const value of ticks.sort((a, b) => Math.abs(a) - Math.abs(b))) {
         const y = Math.round(this.y(value)) + 0.5;
         if (lines.some(other => Math.abs(other - y) < NUMBER)) continue;
         lines.push(y);
         line(this.left, y, this.left + this.width, y);
-        pen.fillText(short(value), this.left - 3, y);
+        pen.fillText(short(value, step), this.left - 3, y);
       }
     }
     if (this.bottom) {

@@ -306,6 +306,12 @@ class Figure {
       mesh.visible = !wireframe;
     }
   }
+  sink(depth) {  // behind another robot in the same place, whose equal surfaces would flicker
+    this.object.traverse(({material}) => {
+      if (material) Object.assign(material,
+        {polygonOffset: depth > 0, polygonOffsetFactor: depth, polygonOffsetUnits: depth});
+    });
+  }
   tip() {  // in the robot's own frame
     const home = this.object.matrixWorld.clone().invert();
     return new T.Vector3().setFromMatrixPosition(this.links[this.data.tip].matrixWorld)
@@ -413,6 +419,30 @@ class Goals {
       mark.object.quaternion.copy(this.turn(mark, a));
       if (s > 0) mark.object.quaternion.slerp(this.turn(mark, b), s);
     }
+  }
+}
+
+// The world's axes beside the robots, a round length long.
+class Axes {
+  constructor(parent, size) {
+    const power = 10 ** Math.floor(Math.log10(0.25 * size));
+    const length = power * [5, 2, 1].find(x => x * power <= 0.25 * size);
+    this.text = `${Number((100 * length).toPrecision(3))} cm`;
+    this.object = new T.Group();
+    for (const [colour, axis] of AXES) {
+      const way = new T.Vector3().setComponent(axis, 1), paint = new T.MeshBasicMaterial({color: colour});
+      const rod = new T.Mesh(ROD, paint), radius = 0.004 * size;
+      const head = new T.Mesh(new T.ConeGeometry(3 * radius, 8 * radius, 16), paint);
+      lay(rod, new T.Vector3(), way.clone().multiplyScalar(length - 4 * radius), radius);
+      head.position.copy(way).multiplyScalar(length - 4 * radius);
+      head.quaternion.setFromUnitVectors(UP, way);
+      this.object.add(rod, head);
+    }
+    parent.add(this.object);
+  }
+  place(points) {  // at the lower left of what the camera shows, and in front
+    const {min} = new T.Box3().setFromPoints(points);
+    this.object.position.copy(min);
   }
 }
 

@@ -74,6 +74,7 @@ class Track {
     this.goals.show(row(a), row(b), s);
     this.trail.show(this.aims ? i : 0);
     this.now = this.error(s < 0.5 ? a : b);
+    this.tip = this.vector(s < 0.5 ? a : b, 6);
   }
 }
 
@@ -119,6 +120,12 @@ class Player {
     this.stage.clear();
     this.tracks = this.run.tracks.map(
       track => new Track(track, this.scene.figures, this.stage));
+    this.tracks.forEach((track, i) => track.figure.sink(i));
+    this.axes = new Axes(this.stage, this.tracks[0].figure.data.size);
+    this.find("axes").replaceChildren("axes ");
+    for (const [i, name] of ["x", "y", "z"].entries())
+      element(this.find("axes"), "b", name + " ").style.color = AXES[i][0];
+    this.find("axes").append(`, each ${this.axes.text}`);
     document.querySelector("#card h1").textContent =
       this.scene.title + (runs.length > 1 ? "" : this.run.title ? ", " + this.run.title : "");
     this.applyLook();
@@ -184,6 +191,9 @@ class Player {
       element(item, "i").style.background = track.colour || "#2b6f9e";
       element(item, "b", track.label);
       track.readout = element(item, "output");
+      const tip = element(list, "li", undefined, "tip");
+      element(tip, "b", "tip at x, y, z");
+      track.place = element(tip, "output");
       track.misses = track.goals.marks.map(({name}) => {
         const row = element(list, "li");
         element(row, "i").style.visibility = "hidden";
@@ -206,7 +216,9 @@ class Player {
   }
   updateLegend() {
     for (const track of this.tracks) {
-      if (!track.aims || !track.readout || track.now === undefined) continue;
+      if (!track.readout || track.now === undefined) continue;
+      track.place.value = track.tip.map(x => (100 * x).toFixed(1)).join(", ") + " cm";
+      if (!track.aims) continue;
       const gone = this.time > track.failedAt + 1e-6;
       track.goals.misses().forEach((text, i) => { track.misses[i].value = text; });
       track.readout.value = gone ? "ended" : `${(100 * track.now).toFixed(2)} cm`;
@@ -217,13 +229,16 @@ class Player {
     table.replaceChildren();
     this.find("inputs").style.display = this.tracks.some(t => t.nu) ? "" : "none";
     this.bars = [];
+    const units = new Set(this.tracks.flatMap(t => t.figure.data.inputs.map(i => i.unit)));
+    document.querySelector("#inputs summary").textContent = `inputs (${[...units].join(", ")})`;
     for (const track of this.tracks.slice(0, 4))
       track.figure.data.inputs.forEach((input, i) => {
         const row = element(table, "tr");
         const name = element(row, "td", input.name);
         name.title = input.name;
         if (this.tracks.length > 1) name.style.color = track.colour;
-        const fill = element(element(element(row, "td"), "div"), "i");
+        const bar = element(element(row, "td"), "div"), fill = element(bar, "i");
+        bar.title = `from ${digits(input.lower)} to ${digits(input.upper)} ${input.unit}`;
         this.bars.push({track, i, input, fill, value: element(row, "td")});
       });
   }
@@ -368,6 +383,7 @@ class Player {
           include(new T.Vector3(x * size, 0, z * size), 0);
     }
     this.seek(home);
+    this.axes.place(points);
     const bare = document.body.classList.contains("bare"), narrow = innerWidth < 700;
     const room = bare ? [0.96, 0.96]
       : [narrow ? 0.94 : 1 - 270 / innerWidth, 1 - (narrow ? 230 : 120) / innerHeight];

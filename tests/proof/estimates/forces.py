@@ -1,4 +1,4 @@
-"""Force and payload at the tip, estimated from lengths and a camera: docs/your_rig.md."""
+"""Force and payload at the tip, estimated from lengths and a camera: docs/rigs.md."""
 
 from __future__ import annotations
 
@@ -88,8 +88,7 @@ def run(robot: str, theta: float, kind: str, seed: int) -> tuple[float, float, f
     from softdyn.commands.observe import sensors_of
     from softdyn.controllers import best
     from softdyn.estimation import Ekf, EkfParameters
-    from softdyn.validation import Rig, paper
-    from softdyn.validation.loop.closed_loop import ClosedLoop
+    from softdyn.validation import Rig, paper, simulate
     from softdyn.validation.twin.plant_errors import PlantErrors
 
     model, rng = softdyn.load(robot), np.random.default_rng(seed)
@@ -104,12 +103,9 @@ def run(robot: str, theta: float, kind: str, seed: int) -> tuple[float, float, f
     given = EkfParameters(memory=KINDS[kind], longest=LONGEST)
     observer = Ekf(model, sensors, (name,), parameters=given)
     rig = Rig(sensors=sensors, seed=seed, plant=PlantErrors(payload=MASS * loaded))
-    loop = ClosedLoop(
-        model, best(model), paper.set_point(robot, theta=theta), duration=SECONDS, rig=rig,
-        observer=observer,
-    )  # fmt: skip
+    goal = paper.set_point(robot, theta=theta)
     with pulling(lambda t: (not loaded) * np.cos(turn * t + phase) * force):
-        log = loop.run()
+        log = simulate(model, best(model), goal, duration=SECONDS, rig=rig, observer=observer)
     assert log.disturbances is not None
     found, covariance = log.disturbances[-1], observer.covariance_of(name)
     error, size = found - MASS, MASS

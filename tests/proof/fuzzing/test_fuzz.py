@@ -264,7 +264,7 @@ def test_a_refused_message_that_changes_something_is_a_finding(monkeypatch) -> N
     assert all(messages.judge(session, one).kind in (ACCEPTED, REFUSED) for one in messages.said())
 
     def careless(message):
-        session._rig.twin.data.qpos[0] += 0.1
+        session.plant.twin.data.qpos[0] += 0.1
         raise InputError("do", "something else", "this")
 
     monkeypatch.setattr(session, "apply", careless)

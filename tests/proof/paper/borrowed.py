@@ -84,7 +84,7 @@ class BorrowedPlant(PlantErrors):
 
     @classmethod
     def of(cls, errors: PlantErrors, shapes: Path) -> BorrowedPlant:
-        """The plant errors, with the shapes of a file.
+        """The plant errors, with the shapes of a file; links can touch.
 
         Raises
         ------
@@ -92,16 +92,12 @@ class BorrowedPlant(PlantErrors):
             The file cannot be read.
         """
         own = {field.name: getattr(errors, field.name) for field in fields(PlantErrors)}
-        return cls(**own, shapes=shapes, sha256=content(shapes))
-
-    def options(self) -> dict[str, Any]:
-        """The arguments of `simulate`; links can touch."""
-        return super().options() | {"contacts": True}
+        return cls(**own | {"contacts": True}, shapes=shapes, sha256=content(shapes))
 
     def twin(self, *arguments: Any, **options: Any) -> Twin:
         """The twin with the file's shapes and these differences."""
-        friction = super().options()["friction"]
-        options |= {"contacts": True, "friction": options.get("friction", False) or friction}
+        friction = options.get("friction", False) or self.rubs
+        options |= {"contacts": True, "friction": friction}
         return self.applied(BorrowedShapes(self.shapes, *arguments, **options))
 
 

@@ -14,7 +14,6 @@ from softdyn.controllers import CONTROLLERS
 from softdyn.statics.zero_dynamics import examine, zero_spectrum
 from softdyn.validation.loop.certificate import certified
 from softdyn.validation.loop.log import Log
-from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.report.plot_style import (
     BLUE,
     GREY,
@@ -34,6 +33,7 @@ from softdyn.validation.report.plot_style import (
 from softdyn.validation.report.plot_style import (
     CONTROLLERS as LOOKS,
 )
+from softdyn.validation.simulate import simulate
 from softdyn.validation.studies import experiments
 
 LAWS = ("soft-id-clf-qp", "id-clf-qp", "clf-qp")  # the controllers with a decrease condition

@@ -175,10 +175,10 @@ def state_differences(record: RecordedRun, case: Case, model: SoftModel) -> tupl
 
     MuJoCo's solver starts from its last solution, as it does in a run.
     """
-    options, plan = case.plant.options(), case.experiment(model)
+    plan = case.experiment(model)
     step = None if case.timestep is None else min(case.timestep, plan.period)
     grid = TimeGrid.plan(plan.duration, plan.period, step)
-    twin = options.pop("twin")(model.robot, timestep=grid.timestep, **options)
+    twin = case.plant.twin(model.robot, timestep=grid.timestep)
     states, data = StateMap(model, twin), twin.data
     found, touching = np.zeros(len(record.q) - 1), 0
     for k in range(len(found)):

@@ -82,8 +82,8 @@ def test_meshes_and_a_body_of_two_joints(tmp_path):
 def test_all_else_is_the_twin_s(tmp_path):
     plain = Twin("finger")
     plant = BorrowedPlant.of(PlantErrors(), chain(tmp_path / "chain.xml"))
-    twin = plant.options()["twin"]("finger", contacts=plant.options()["contacts"])
-    assert plant.options()["contacts"]
+    twin = plant.twin("finger")
+    assert plant.contacts
     for name in ("body_mass", "body_inertia", "dof_damping", "jnt_stiffness", "jnt_range"):
         np.testing.assert_array_equal(getattr(twin.model, name), getattr(plain.model, name))
     for each in (plain, twin):

@@ -125,8 +125,7 @@ def test_a_law_s_own_record_is_met(tmp_path):
     name, period = "reference", paper.setup("helix").period
     cell = Case("helix", "ic", "set_point", 0.5)
     case, model = changed(cell, name), softdyn.load("helix")
-    plan, make = case.experiment(model), case.plant.options()
-    twin = make.pop("twin")(model.robot, timestep=period, **make)
+    plan, twin = case.experiment(model), case.plant.twin(model.robot, timestep=period)
     law = case.around(case.law("ic", model))
     rows = []
     for k in range(6):

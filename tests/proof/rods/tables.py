@@ -1,4 +1,4 @@
-"""Designed arms compared with closed forms: the tables of docs/design.md."""
+"""Designed arms compared with closed forms: the tables of docs/rods.md."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def fastest(counts: Sequence[int], rule: Rule) -> list[float]:
 
 
 def rod_tables(found: Mapping[str, list[Ladder]]) -> str:
-    """The tables of docs/design.md, from what `run` returns."""
+    """The tables of docs/rods.md, from what `run` returns."""
     counts = next(iter(found.values()))[0].counts
     numbers = [f"n = {n}" for n in counts]
     forms = [".1e"] * len(counts)

@@ -1,4 +1,4 @@
-"""The generator against closed forms: what docs/design.md claims, and the bars it is held to."""
+"""The generator against closed forms: what docs/rods.md claims, and the bars it is held to."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_gauss_is_the_better_default(ladders):
 
 
 def test_the_document_s_table_is_what_the_command_writes(ladders):
-    text = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "rods.md").read_text(encoding="utf-8")
     for rule in ladders:
         ladder = ladders[rule]["cable in a channel, 90° (constant curvature)"]
         cells = " | ".join(f"{error:.1e}" for error in ladder.errors)

@@ -14,7 +14,7 @@ from softdyn.controllers import Gains, SoftIdClfQp
 from softdyn.controllers.barriers import JointLimits, KeepOutSphere
 from softdyn.safety import Surroundings
 from softdyn.validation.loop.log import Log
-from softdyn.validation.loop.simulate import simulate
+from softdyn.validation.simulate import simulate
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.study_targets import points
 

@@ -155,7 +155,7 @@ def run(model: SoftModel, gains: Gains | None, scene: Scene) -> dict[str, Any]:
 
     law = among(SoftIdClfQp, scene.around)(model, gains)
     log = simulate(model, law, scene.target, duration=DURATION, period=setup_of(model).period,
-                   q0=scene.free.q[0], twin=twin, surroundings=scene.around)  # fmt: skip
+                   q0=scene.free.q[0], plant=twin, surroundings=scene.around)  # fmt: skip
     rows = law.barrier_rows
     assert rows is not None
     free = min(

@@ -16,7 +16,7 @@ from softdyn.tasks import LinkKinematics, PointTask, StackedReference
 from softdyn.validation.arrays import read_npz
 from softdyn.validation.files import atomic, safe_filename
 from softdyn.validation.loop.experiment import Experiment
-from softdyn.validation.loop.simulate import simulate
+from softdyn.validation.simulate import simulate
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.study_targets import study_experiments
 

@@ -16,6 +16,7 @@ from softdyn.tasks import AxisTask, PoseTask
 from softdyn.tasks.targets import exp3
 from softdyn.validation import Rig, paper, play
 from softdyn.validation.live.watching import open_watch_page, watch
+from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.report.replay import replay
 from tests.support import PATIENCE, SCRIPTS, micro, winched
@@ -249,7 +250,8 @@ def test_a_recording_replays(other, recorded):
 def test_a_watched_run_leaves_a_page_that_replays_it(other, tmp_path):
     model = softdyn.load("finger")
     goal = paper.set_point("finger", 0.5)
-    loop = ClosedLoop(model, SoftIdClfQp(model), goal, duration=0.3, name="soft-id-clf-qp")
+    options = RunOptions(duration=0.3, name="soft-id-clf-qp")
+    loop = ClosedLoop(model, SoftIdClfQp(model), goal, options)
     with open_watch_page(loop) as channel:
         other.open(channel.url, 800, 600)  # as wide as in a notebook
         other.until("softdyn.link.readyState == 1")

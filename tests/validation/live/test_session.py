@@ -18,6 +18,7 @@ from softdyn.validation.live.menu import menu_of
 from softdyn.validation.live.playing import drive, figure_of, period_note
 from softdyn.validation.live.session import Session
 from softdyn.validation.live.watching import watch
+from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.view.live import messages as m
@@ -61,7 +62,7 @@ def test_a_push_deflects_the_tip_by_its_compliance_and_it_returns(model):
     session = make(model)
     run(session, 1.0)
     before = part(session, "y")
-    here = statics.settle(model, np.zeros(2), session._q_v()[0])
+    here = statics.settle(model, np.zeros(2), session.plant.state()[0])
     np.testing.assert_allclose(here.y, before, atol=1e-6)
     to = before + np.array([0.004, 0.0, 0.001])
     session.apply(m.Push(model.robot.task, np.zeros(3), to))
@@ -131,12 +132,12 @@ def test_controllers_keep_clear_of_obstacles(model, tmp_path):
             reserves = []
             for _ in range(120):
                 session.step()
-                reserves.append(lid.reserve(session._state)[0])
+                reserves.append(lid.reserve(session.loop.state)[0])
             assert not session.shown.paused, session.shown.notice
             least.append(min(reserves))
         assert least[0] < -0.02
         assert least[1] > -1e-4
-    assert safe._rig.twin.obstacles == lid.obstacles
+    assert safe.plant.twin.obstacles == lid.obstacles
     assert [len(figure_of(session).scenery) for session in (free, safe)] == [0, 1]
 
 
@@ -171,11 +172,11 @@ def test_targets_of_tasks_are_set_and_a_plain_target_is_refused(model):
 def test_a_controller_that_plans_says_so_on_the_page(model):
     session = make(model, "ic")
     session.changed = False
-    session._law.planning = True
+    session.loop.controller.planning = True
     run(session, session.period)
     assert session.shown.planning
     assert session.changed
-    session.changed, session._law.planning = False, np.ones(2)
+    session.changed, session.loop.controller.planning = False, np.ones(2)
     run(session, session.period)
     assert session.shown.planning is False
     assert session.changed
@@ -185,9 +186,9 @@ def test_law_and_plant_change_while_it_moves(model):
     session = make(model, "ic")
     session.apply(m.SetTarget(part(session, "y") + np.array([0.02, 0.0, 0.03])))
     run(session, 0.2)
-    q, v = session._q_v()
+    q, v = session.plant.state()
     session.apply(m.Mismatch(stiffness=1.2, delay=2 * session.period, noise=1e-4, contacts=True))
-    for kept, now in zip((q, v), session._q_v(), strict=True):
+    for kept, now in zip((q, v), session.plant.state(), strict=True):
         np.testing.assert_array_equal(kept, now)
     assert session.t == pytest.approx(0.2)
     session.apply(m.SetController("soft-id-clf-qp"))
@@ -338,9 +339,9 @@ def test_a_mismatch_delays_the_inputs_and_blurs_the_tip(model, chosen):
         acted, tips = [], []
         own.seen.clear()
         for _ in range(40):
-            tips.append(model.state(*session._q_v()).y)
+            tips.append(model.state(*session.plant.state()).y)
             session.step()
-            acted.append(round(100 * session._rig.acting[0] / model.u_max[0]))
+            acted.append(round(100 * session.plant.acting[0] / model.u_max[0]))
         assert acted == [0, 0, 0, *range(1, 38)]
         blur = np.linalg.norm(np.array(own.seen) - tips, axis=1)
         assert 0.7e-4 < np.sqrt(np.mean(blur**2)) < 1.3e-4
@@ -414,12 +415,12 @@ def test_play_behind_a_rig_is_the_run_behind_it(arm, rig):
     reference = SetPoint(arm.state(arm.q0, np.zeros(2)).y)
     log = simulate(arm, law, reference, duration=0.2, period=0.004, q0=rest, rig=rig)
     for k in range(50):
-        np.testing.assert_array_equal(session._q_v()[0], log.q[k])
+        np.testing.assert_array_equal(session.plant.state()[0], log.q[k])
         session.step()
     assert np.abs(log.acting - np.vstack([log.u, log.u[-1:]])).max() > 1.0
     shown = part(session, "u")
-    session._rig.sample()  # a frame has them one plant step late
-    np.testing.assert_allclose(session._rig.acting, log.acting[-1], atol=1e-12)
+    session.plant.sample()  # a frame has them one plant step late
+    np.testing.assert_allclose(session.plant.acting, log.acting[-1], atol=1e-12)
     assert np.abs(shown - log.acting[-1]).max() < 1.0
 
 
@@ -427,25 +428,25 @@ def test_the_page_s_differences_change_the_rig(arm):
     """Sliders multiply the rig's plant, replace its delay and noise, and keep what acts."""
     session = rigged_session(arm, Rig(plant=PlantErrors(mass=2.0)))
     run(session, 0.4)
-    before, acting = session._q_v(), session._rig.acting
+    before, acting = session.plant.state(), session.plant.acting
     session.apply(m.Mismatch(mass=1.5, delay=0.05, noise=1e-3))
-    np.testing.assert_array_equal(session._q_v(), before)
+    np.testing.assert_array_equal(session.plant.state(), before)
     assert session.t == pytest.approx(0.4)
-    assert session._rig.twin.model.body_mass.sum() == pytest.approx(
+    assert session.plant.twin.model.body_mass.sum() == pytest.approx(
         3.0 * Twin(arm).model.body_mass.sum()
     )
-    assert session._rig.twin.robot.actuators[0].delay == 0.05
-    np.testing.assert_allclose(session._rig.acting, acting, atol=4.0)
+    assert session.plant.twin.robot.actuators[0].delay == 0.05
+    np.testing.assert_allclose(session.plant.acting, acting, atol=4.0)
     session.step()
-    assert 0 < np.abs(session._rig._seen.q - before[0]).max() < 0.1  # noise
+    assert 0 < np.abs(session.loop.seen.q - before[0]).max() < 0.1  # noise
     session.apply(m.Reset())
     run(session, 0.048)
-    held = session._rig.acting
+    held = session.plant.acting
     assert held[1] == 0.0  # the delay after a reset to zero input
     session.apply(m.SetController(OPEN_LOOP))
     session.apply(m.SetInputs(np.array([0.0, 7.0])))
     run(session, 0.3)
-    assert session._rig.acting[1] == pytest.approx(7.0, abs=1e-6)
+    assert session.plant.acting[1] == pytest.approx(7.0, abs=1e-6)
 
 
 def test_play_takes_a_rig_from_the_command_line(arm, tmp_path):
@@ -466,7 +467,7 @@ def test_a_watched_run_with_a_rig_shows_its_plant_and_what_acts(arm):
     channel = SimpleNamespace(frame=sent.append, state=lambda _: None, dropped=0)
     reference = SetPoint(arm.state(arm.q0, np.zeros(2)).y)
     rig = Rig(latency=0.02, noise=1e-2)
-    loop = ClosedLoop(arm, law, reference, duration=0.4, period=0.004, rig=rig)
+    loop = ClosedLoop(arm, law, reference, RunOptions(duration=0.4, period=0.004, rig=rig))
     log, _ = watch(loop, channel, speed=10.0)
     places = Columns(arm).places
     assert sent

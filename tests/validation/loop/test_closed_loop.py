@@ -12,6 +12,7 @@ import softdyn
 from softdyn import Ellipse, InputError, Reference, SetPoint
 from softdyn.controllers import Impedance
 from softdyn.validation import Twin, crosscheck, paper, simulate
+from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from tests.support.cart import DAMPING, LENGTH, MASS, STIFFNESS, TARGET, load, push, steer
 
@@ -393,7 +394,7 @@ def test_the_plant_can_be_another_one(cart):
             super().__init__(*arguments, **options)
             self.model.dof_damping[:] = 1e6
 
-    log = simulate(cart, push(1.0), TARGET, duration=0.01, contacts=True, twin=Sticky)
+    log = simulate(cart, push(1.0), TARGET, duration=0.01, contacts=True, plant=Sticky)
     assert made == [{"timestep": log.timestep, "contacts": True, "friction": False}]
     assert np.abs(log.v).max() < 1e-5
     assert np.abs(simulate(cart, push(1.0), TARGET, duration=0.01).v).max() > 1e-3
@@ -401,7 +402,7 @@ def test_the_plant_can_be_another_one(cart):
 
 def test_a_loop_can_be_stepped(cart):
     options = {"duration": 0.2, "period": 0.01}
-    loop = ClosedLoop(cart, steer, SetPoint([0.5, 0, 0]), **options)
+    loop = ClosedLoop(cart, steer, SetPoint([0.5, 0, 0]), RunOptions(**options))
     seen = []
     while (step := loop.step()) is not None:
         seen.append(step)
@@ -417,7 +418,7 @@ def test_a_loop_can_be_stepped(cart):
 
 
 def test_a_loop_that_is_not_over_has_a_log_up_to_its_last_sample(cart):
-    loop = ClosedLoop(cart, steer, SetPoint([0.5, 0, 0]), duration=0.2, period=0.01)
+    loop = ClosedLoop(cart, steer, SetPoint([0.5, 0, 0]), RunOptions(duration=0.2, period=0.01))
     for _ in range(5):
         loop.step()
     log = loop.log()

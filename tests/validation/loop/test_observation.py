@@ -103,7 +103,7 @@ def test_refusals():
         (model, "file", 3, "an object with step"),
         (model, "file", Ekf(model, model.robot.sensors[:2]), "one for 5 readings"),
         (model, "file", other, "the observer's estimate"),
-        (model, "file", vague, "disturbances and deviations of 1 components"),
+        (model, "file", vague, "disturbances of 1 components"),
     ):
         with pytest.raises(InputError, match=said):
             simulate(which, law, goal, duration=0.01, rig=rig, observer=observer)

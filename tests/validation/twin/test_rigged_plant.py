@@ -58,11 +58,12 @@ def test_the_plant_gets_the_delayed_input_in_the_middle_of_a_period() -> None:
     """5 ms of delay in periods of 7.5 ms: the input changes between two plant steps."""
     model = robot("finger")
     plant = RiggedPlant(Rig(delay=0.005), model, 0.0075, timestep=5e-4)
-    plant.start(model.state(model.q0, np.zeros(model.nv)))
+    start = model.state(model.q0, np.zeros(model.nv))
+    plant.start(start.q, start.v)
     by_hand = Twin(model.robot, timestep=5e-4)
     commands = np.array([[-0.1, -0.3], [-0.2, 0.4]])
     for u in commands:
-        plant.advance(u, 15)
+        plant.advance(u, 15, start)
     for u, steps in zip((np.zeros(2), *commands), (10, 15, 5), strict=True):
         by_hand.advance(u, steps)
     np.testing.assert_array_equal(plant.twin.qpos, by_hand.qpos)
@@ -74,10 +75,9 @@ def test_a_velocity_leads_to_the_free_length_in_one_period(tmp_path) -> None:
     rig = Rig(command="velocity", stiffness=600.0, lag=0.0, delay=0.0)
     plant = RiggedPlant(rig, model, period, timestep=5e-4)
     state = model.state(np.array([0.2, -0.1]), np.array([0.5, 0.3]))
-    plant.start(state)
-    plant.see(state)
+    plant.start(state.q, state.v)
     before, u = plant.twin.free_lengths.copy(), np.array([40.0, 10.0])
-    plant.advance(u, 20)
+    plant.advance(u, 20, state)
     wanted = Winches(model, plant.twin.robot.actuators).commands(state, u)
     assert np.abs(wanted - before).min() > 0.01
     np.testing.assert_allclose(plant.twin.free_lengths, wanted, rtol=1e-9)

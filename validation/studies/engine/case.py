@@ -18,9 +18,8 @@ from softdyn.validation.files import safe_filename
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.metrics import input_change
-from softdyn.validation.loop.observation import make_observer
-from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.plain_data import to_plain_data
+from softdyn.validation.simulate import simulate
 from softdyn.validation.studies import experiments
 from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.rig import Rig
@@ -143,11 +142,7 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
     experiment = case.experiment(model)
     controller = case.law(case.controller, model) if case.law else make()
     controller = case.around(controller) if case.around else controller
-    step, options = case.timestep, case.plant.options()
-    if case.rig is not None:
-        options = {"rig": replace(case.rig, plant=case.plant)}
-        if case.observer is not None:
-            options["observer"] = make_observer(model, options["rig"], case.observer)
+    step = case.timestep
     with own_code_errors(), one_line_errors(case.controller, "a command"):
         return simulate(
             model,
@@ -157,7 +152,9 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
             timestep=None if step is None else min(step, experiment.period),
             v0=case.start(model.nv),
             name=case.controller,
-            **options,
+            plant=case.plant,
+            rig=case.rig,
+            observer=case.observer,
         )
 
 

@@ -440,7 +440,7 @@ class Live {
       const said = open ? this.state.inputs[i] ?? value : value;
       if (document.activeElement != range) range.value = Math.cbrt(said / full);
       name.style.borderColor = css(scaled(value / full));
-      out.value = digits(value);
+      out.value = Math.abs(value) < 1e-6 * full ? "0" : digits(value);
     });
   }
   makeSide() {

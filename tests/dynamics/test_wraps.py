@@ -1,0 +1,240 @@
+"""Cables around round bodies: known courses, differences, and every term of a robot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import SoftModel
+from softdyn.dynamics.balance import ForceBalance
+from softdyn.dynamics.derivatives import tangent_dynamics
+from softdyn.dynamics.wraps import Body, Contact, course
+from softdyn.loading import load_text
+from softdyn.statics.equilibrium import potential
+from tests.proof.crosschecks.wrapped_robots import wrapped_robot
+from tests.proof.wraps import measure
+from tests.support.oracles import gradient, rate, relative
+
+BAR = 1e-7
+STEP = 1e-4  # m, of the differences of a course
+PATH = Path("wrap.urdf")
+SOLID = (
+    '<inertial><mass value="1"/>'
+    '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+# a cable over a drum of 30 mm to a slide
+SLIDE = f"""\
+<robot name="wrap"><link name="world"/><link name="slide">{SOLID}</link>
+  <joint name="lift" type="prismatic"><parent link="world"/><child link="slide"/>
+    <axis xyz="0 0 1"/><limit lower="-0.2" upper="0.2" effort="1" velocity="1"/></joint>
+  <softdyn version="1">
+    <tendon name="cable"><site link="world" xyz="-0.15 0 -0.12"/>
+      <cylinder link="world" xyz="0 0 0" axis="0 1 0" radius="0.03" side="0 0 0.05"/>
+      <site link="slide" xyz="0.15 0 -0.12"/></tendon>
+    <actuator name="pull" tendon="cable" gear="-1" lower="0" upper="9"/>
+  </softdyn>
+</robot>"""
+
+
+def round_body(radius=0.03, sphere=False, side=None, inside=False) -> Body:
+    return Body(radius, sphere, None if side is None else np.array(side, float), inside)
+
+
+def test_a_cable_over_a_drum():
+    model = load_text(SLIDE, path=PATH)
+    for q, length, arm in (
+        (0.0, 0.4293667168742827, -0.738981007),
+        (0.05, 0.3960376919, -0.5801158554),
+    ):
+        state = model.state([q], [0.3])
+        assert state.lengths[0] == pytest.approx(length, abs=1e-10)
+        assert state.moment_arms[0, 0] == pytest.approx(arm, abs=1e-9)
+        assert state.B[0, 0] == -state.moment_arms[0, 0]
+
+
+@pytest.mark.parametrize("sphere", [False, True])
+def test_a_quarter_turn(sphere):
+    """Down, a quarter of the circle, and to the right."""
+    a, b = np.array([-0.03, 0.1, 0.0]), np.array([0.2, -0.03, 0.0])
+    found = course(round_body(sphere=sphere, side=(-0.1, -0.1, 0)), a, b)
+    assert found.length == pytest.approx(0.1 + 0.2 + 0.03 * math.pi / 2, abs=1e-15)
+    assert found.turn == pytest.approx(math.pi / 2, abs=1e-14)
+    np.testing.assert_allclose(found.points, [[-0.03, 0, 0], [0, -0.03, 0]], atol=1e-15)
+    np.testing.assert_allclose(found.gradient, [[0, 1, 0], [1, 0, 0]], atol=1e-15)
+    assert found.contact is (Contact.CLOCKWISE if sphere else Contact.COUNTER)
+
+
+def test_the_side_decides_and_a_helix_rises_in_proportion():
+    a, b = np.array([-0.1, -0.04, 0.0]), np.array([0.1, -0.04, 0.06])
+    straight = course(round_body(), a, b)
+    assert straight.contact is Contact.FREE
+    assert straight.length == pytest.approx(float(np.linalg.norm(b - a)))
+    assert course(round_body(side=(0, -0.05, 0)), a, b).contact is Contact.FREE
+    around = course(round_body(side=(0, 0.05, 0)), a, b)
+    assert around.contact is Contact.CLOCKWISE
+    (x, y, low), (_, _, high) = around.points
+    assert math.hypot(x, y) == pytest.approx(0.03)
+    flat = course(round_body(side=(0, 0.05, 0)), a * [1, 1, 0], b * [1, 1, 0])
+    arc = 0.03 * flat.turn
+    assert high - low == pytest.approx(0.06 * arc / flat.length)
+    assert around.length == pytest.approx(math.hypot(flat.length, 0.06))
+    assert around.turn == pytest.approx(flat.turn * flat.length / around.length)
+
+
+@pytest.mark.parametrize("sphere", [False, True])
+def test_inside_it_bends_at_the_point_of_the_shortest_path(sphere):
+    rng = np.random.default_rng(5)
+    body = round_body(0.04, sphere, (0.0, 0.0, 0.0), inside=True)
+    bent = 0
+    for _ in range(60):
+        a, b = rng.normal(scale=0.1, size=(2, 3))
+        found = course(body, a, b)
+        straight = float(np.linalg.norm(b - a))
+        if found.contact is not Contact.BENT:
+            assert found.length == pytest.approx(straight)
+            continue
+        bent += 1
+        p = found.points[0]
+        assert np.linalg.norm(p if sphere else p[:2]) == pytest.approx(0.04)
+        nearby = p + rng.normal(scale=1e-3, size=(200, 3))
+        nearby *= 0.04 / np.linalg.norm(nearby if sphere else nearby[:, :2], axis=1)[:, None]
+        if not sphere:
+            nearby[:, 2] = p[2]
+        ways = np.linalg.norm(nearby - a, axis=1) + np.linalg.norm(nearby - b, axis=1)
+        assert found.length == pytest.approx(
+            float(np.linalg.norm(p - a) + np.linalg.norm(p - b)), abs=1e-14
+        )
+        assert straight < found.length <= ways.min() + 1e-12
+        cosine = (p - a) @ (b - p) / np.linalg.norm(p - a) / np.linalg.norm(b - p)
+        assert found.turn == pytest.approx(math.acos(cosine), abs=1e-7)
+    assert bent > 20
+
+
+def slope(at, f) -> np.ndarray:
+    """Central differences of f(course) by both points, extrapolated."""
+
+    def central(h):
+        return np.stack([(f(at(h * e)) - f(at(-h * e))) / (2 * h) for e in np.eye(6)], -1)
+
+    return (4 * central(STEP) - central(2 * STEP)) / 3
+
+
+@pytest.mark.parametrize("sphere", [False, True])
+@pytest.mark.parametrize("where", ["no side", "outside", "inside"])
+def test_derivatives_of_a_course(sphere, where):
+    """Gradient, Hessian and the turn's gradient, but not near lift-off and the surface."""
+    rng = np.random.default_rng(1)
+    compared, left_out, kinds = 0, 0, set()
+    for _ in range(80):
+        side, r = rng.normal(size=3), rng.uniform(0.02, 0.2)
+        side *= r * (0.3 if where == "inside" else 2.0) / np.linalg.norm(side)
+        side[2] *= sphere
+        body = round_body(r, sphere, None if where == "no side" else side, where == "inside")
+        x = rng.normal(scale=0.2, size=6)
+        here = course(body, x[:3], x[3:], bends=True)
+
+        def at(step, body=body, x=x):
+            return course(body, (x + step)[:3], (x + step)[3:])
+
+        steps = 40 * STEP * np.vstack((np.eye(6), -np.eye(6)))
+        if any(at(step).contact is not here.contact for step in steps):
+            left_out += 1
+            continue
+        compared += 1
+        kinds.add(here.contact)
+        gradient = here.gradient.ravel()
+        assert relative(gradient, slope(at, lambda c: np.float64(c.length)), 1.0) < BAR
+        assert relative(here.bend.hessian, slope(at, lambda c: c.gradient.ravel()), 1.0) < BAR
+        assert relative(here.bend.turn, slope(at, lambda c: np.float64(c.turn)), 1.0) < BAR
+    assert compared > 40, left_out
+    assert Contact.FREE in kinds or Contact.BENT in kinds
+    assert len(kinds) >= 3
+
+
+def test_a_site_on_the_surface_and_one_inside():
+    on, far = np.array([0.03, 0.0, 0.0]), np.array([-0.1, 0.02, 0.0])
+    for near in (on, on * (1 - 1e-12)):
+        found = course(round_body(), near, far, bends=True)
+        assert found.contact in (Contact.COUNTER, Contact.CLOCKWISE)
+        assert np.isfinite(found.bend.hessian).all()
+    inside = course(round_body(), on * 0.9, far)
+    assert inside.contact is Contact.ENTERED
+    assert inside.length == pytest.approx(float(np.linalg.norm(on * 0.9 - far)))
+
+
+def test_lift_off_and_landing_are_continuous():
+    """The moment arm of the slide has no jump where the cable lifts off its drum."""
+    model = load_text(SLIDE.replace("-0.2", "-0.4").replace('"0.2"', '"0.4"'), path=PATH)
+    qs = np.linspace(0.0, 0.35, 701)
+    states = [model.state([q], [0.0]) for q in qs]
+    contacts = [model.tendons.wraps.contacts(*model.kinematics(s.q)[1:])[0] for s in states]
+    assert {contacts[0], contacts[-1]} == {Contact.COUNTER, Contact.FREE}
+    arms = np.array([s.moment_arms[0, 0] for s in states])
+    slopes = [model.tendon_hessians(s.q)[0, 0, 0] for s in states]
+    assert np.abs(np.diff(arms)).max() < 1.05 * max(slopes) * (qs[1] - qs[0])
+    lengths = np.array([s.lengths[0] for s in states])
+    np.testing.assert_allclose(
+        np.diff(lengths) / np.diff(qs), (arms[1:] + arms[:-1]) / 2, atol=1e-4
+    )
+
+
+@pytest.fixture(params=[1, 2, 5, 7])
+def model(request) -> SoftModel:
+    return softdyn.build(wrapped_robot(request.param, bodies=2))
+
+
+def test_every_term_of_a_robot(model):
+    rng = np.random.default_rng(3)
+    for _ in range(3):
+        q = model.configuration(
+            rng.uniform(np.maximum(model.lower, -1), np.minimum(model.upper, 1))
+        )
+        v, u = rng.normal(size=model.nv), rng.uniform(model.u_min, model.u_max)
+        state = model.state(q, v)
+        assert relative(state.lengths, model.tendon_lengths(q)) < 1e-14
+        assert relative(state.moment_arms, model.tendon_moment_arms(q)) < 1e-13
+        assert relative(state.K, gradient(model, model.elastic_energy, q, 2e-4), 1.0) < BAR
+        arms = gradient(model, model.tendon_lengths, q, 2e-4)
+        assert relative(state.B, (model.gear[:, None] * arms[model.actuated]).T, 1.0) < BAR
+        balance = ForceBalance(model)(q, v, np.zeros(model.nv), u)
+        assert relative(balance.residual, state.h - state.B @ u, 1.0) < 1e-12
+        by_q = gradient(
+            model, lambda at, v=v, u=u: model.state(at, v).h - model.state(at, v).B @ u, q, 2e-4
+        )
+        assert relative(tangent_dynamics(model, q, v, u)[0], by_q, 1.0) < BAR
+        stored = rate(model, lambda at, u=u: potential(model, at, u), q, v, 2e-4)
+        assert relative((state.K + state.g - state.B @ u) @ v, stored, 1.0) < BAR
+
+
+def test_robots_against_mujoco_and_differences():
+    found = measure(range(20), states=1, bodies=1)
+    assert not found.missed, found
+    assert found.left_out < 6
+    assert len(found.contacts) == 5
+
+
+def test_a_body_that_nothing_touches_changes_nothing(model):
+    """The straight course is the segment's, up to rounding."""
+    robot = model.robot
+    q = model.q0
+    plain = softdyn.build(
+        replace(robot, tendons=tuple(replace(t, wraps=()) for t in robot.tendons))
+    )
+    free = [
+        t
+        for t in range(len(robot.tendons))
+        if all(
+            placed.course.contact is Contact.FREE
+            for placed in model.tendons.wraps.at(*model.kinematics(q)[1:])
+            if placed.piece.tendon == t
+        )
+    ]
+    still = np.zeros(model.nv)
+    one, other = model.state(q, still), plain.state(q, still)
+    np.testing.assert_allclose(one.lengths[free], other.lengths[free], atol=1e-14)
+    np.testing.assert_allclose(one.moment_arms[free], other.moment_arms[free], atol=1e-14)

@@ -1,0 +1,158 @@
+"""Cables around round bodies: random robots against MuJoCo and central differences."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from softdyn.commands import cli
+
+EPILOG = """\
+Random robots with cables around cylinders and spheres, outside and inside. At random states, each
+length and its moment arms are compared with MuJoCo's, and with central differences; likewise the
+Hessians of the lengths and the power of cables and springs. A state is left out of the differences
+if a cable touches or leaves a body within two steps, and counted. Trajectories of robots without
+inner bends are compared with MuJoCo's.
+
+exit codes: 0 all within the bars; 1 otherwise; 2 bad input.
+"""
+STEP = 2e-4  # rad, m of the differences
+NEAR = 2.0  # steps
+BARS = {
+    "length": 1e-10, "arms outside": 1e-10, "arms inside": 1e-6, "arms, differences": 1e-7,
+    "Hessians, differences": 1e-7, "power": 1e-7, "trajectory": 1e-9,
+}  # fmt: skip
+
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("--count", type=int, default=200, help="robots (default: 200)")
+parser.add_argument("--states", type=int, default=10, help="states of each (default: 10)")
+parser.add_argument("--trajectories", type=int, default=50, metavar="N",
+                    help="robots whose trajectories are compared (default: 50)")  # fmt: skip
+
+
+@dataclass
+class Figures:
+    """The largest errors, the number of pieces by contact, and the states that were left out."""
+
+    errors: dict[str, float] = field(default_factory=lambda: dict.fromkeys(BARS, 0.0))
+    contacts: Counter[str] = field(default_factory=Counter)
+    left_out: int = 0
+    compared: int = 0
+    worst: dict[str, tuple[int, int]] = field(default_factory=dict)
+
+    def note(self, quantity: str, error: float, where: tuple[int, int]) -> None:
+        """Keep the largest error and its robot and state."""
+        if not error <= self.errors[quantity]:
+            self.errors[quantity], self.worst[quantity] = error, where
+
+    @property
+    def missed(self) -> dict[str, float]:
+        """The errors beyond their bars."""
+        return {name: e for name, e in self.errors.items() if not e <= BARS[name]}
+
+
+def measure(seeds: range, states: int, trajectories: int = 0, bodies: int = 4) -> Figures:
+    """Compare the robots of some seeds at random states, the first also along trajectories."""
+    from tqdm import tqdm
+
+    import softdyn
+    from softdyn.validation.crosschecks.crosscheck import crosscheck
+    from softdyn.validation.twin.twin import Twin
+    from tests.proof.crosschecks.wrapped_robots import wrapped_robot
+
+    found = Figures()
+    for seed in tqdm(seeds, disable=None, leave=False, unit="robot"):
+        model = softdyn.build(wrapped_robot(seed, bodies))
+        twin, rng = Twin(model, limits=False), np.random.default_rng((seed, 1))
+        low, high = np.maximum(model.lower, -1.5), np.minimum(model.upper, 1.5)
+        for k in range(states):
+            q = model.configuration(rng.uniform(low, high))
+            _compare(found, model, twin, q, (seed, k))
+            _differences(found, model, q, rng.normal(size=model.nv), (seed, k))
+        if seed - seeds[0] < trajectories:
+            plain = softdyn.build(wrapped_robot(seed, bodies, inside=False))
+            checks = {check.quantity: check for check in crosscheck(plain, samples=2).checks}
+            found.note("trajectory", checks["trajectory"].max_error, (seed, 0))
+    return found
+
+
+def _compare(found, model, twin, q, where) -> None:
+    """Lengths and moment arms against MuJoCo's."""
+    import mujoco
+
+    from softdyn.dynamics.wraps import Contact
+
+    state, data, engine = model.state(q, np.zeros(model.nv)), twin.data, twin.model
+    order = [twin.joint_names.index(name) for name in model.joint_names]
+    qpos = np.zeros(model.nv)
+    qpos[order] = model.coordinates(q)
+    twin.set_state(qpos, np.zeros(model.nv))
+    arms = np.zeros((engine.ntendon, engine.nv))
+    mujoco.mju_sparse2dense(
+        arms, data.ten_J.ravel(), engine.ten_J_rownnz, engine.ten_J_rowadr,
+        engine.ten_J_colind.ravel(),
+    )  # fmt: skip
+    apart = np.abs(state.moment_arms - arms[:, order]).max(axis=1)
+    found.note("length", float(np.abs(state.lengths - data.ten_length).max()), where)
+    paths = model.tendons.wraps
+    contacts = paths.contacts(*model.kinematics(q)[1:])
+    found.contacts.update(contact.name for contact in contacts)
+    inside = {
+        piece.tendon
+        for piece, contact in zip(paths.pieces, contacts, strict=True)
+        if contact is Contact.BENT
+    }
+    for t, error in enumerate(apart):
+        found.note("arms inside" if t in inside else "arms outside", float(error), where)
+
+
+def _differences(found, model, q, v, where) -> None:
+    """Moment arms, Hessians and power against central differences."""
+    from tests.support.oracles import gradient, rate, relative
+
+    if _edges(model, q):
+        found.left_out += 1
+        return
+    found.compared += 1
+    arms, hessians = model.tendon_moment_arms(q), model.tendon_hessians(q)
+    by_length = gradient(model, model.tendon_lengths, q, STEP)
+    by_arms = gradient(model, model.tendon_moment_arms, q, STEP)
+    found.note("arms, differences", relative(arms, by_length, 1.0), where)
+    found.note("Hessians, differences", relative(hessians, by_arms, 1.0), where)
+    state = model.state(q, v)
+    stored = rate(model, model.potential_energy, q, v, STEP)
+    pulled = rate(model, lambda at: model.tendon_lengths(at)[model.actuated], q, v, STEP)
+    scale = float(np.abs(state.K * v).sum() + np.abs(state.g * v).sum())
+    power = relative((state.K + state.g) @ v, stored, scale)
+    found.note("power", max(power, relative(state.B.T @ v, model.gear * pulled, 1.0)), where)
+
+
+def _edges(model, q) -> bool:
+    """Whether a cable touches, leaves or enters a body within two steps along any joint."""
+    paths = model.tendons.wraps
+
+    def here(at):
+        return paths.contacts(*model.kinematics(at)[1:])
+
+    steps = np.vstack((np.eye(model.nv), -np.eye(model.nv)))
+    now = here(q)
+    return any(here(model.integrate(q, NEAR * STEP * step)) != now for step in steps)
+
+
+def command(arguments: cli.Arguments) -> int:
+    """Measure and print."""
+    found = measure(range(arguments.count), arguments.states, arguments.trajectories)
+    print(
+        f"{arguments.count} robots, {sum(found.contacts.values())} pieces: {dict(found.contacts)}"
+    )
+    print(f"differences at {found.compared} states, {found.left_out} left out near an edge")
+    for name, error in found.errors.items():
+        print(
+            f"  {name:22} {error:9.1e}  bar {BARS[name]:.0e}  robot, state {found.worst.get(name)}"
+        )
+    return cli.FAILED if found.missed else cli.PASSED
+
+
+main = cli.program(parser, command, __name__)

@@ -1,0 +1,235 @@
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from softdyn import InputError, SetPoint
+from softdyn.controllers import best
+from softdyn.estimation import Ekf
+from softdyn.validation import Log, drive, simulate
+from softdyn.validation.bench.drive import Drive
+from softdyn.validation.bench.fail_safe import Cause, Limits
+from tests.support.benched import NearDriver, benched, tower
+
+PERIOD = 0.005
+
+
+@pytest.fixture(scope="module")
+def model():
+    return benched()
+
+
+@pytest.fixture
+def rig(model):
+    return tower(model)
+
+
+def held(model, u=(2.0, 1.0)):
+    return lambda state, reference: np.array(u)
+
+
+def run(model, rig, controller=None, duration=0.3, **more):
+    """A run on the near rig; `more` may have `on_step`."""
+    on_step = more.pop("on_step", None)
+    given = Drive(
+        model, held(model) if controller is None else controller, SetPoint(np.zeros(3)),
+        NearDriver(model), period=PERIOD, duration=duration, watchdog=False,
+        source=rig.hands.source, **more,
+    )  # fmt: skip
+    return given.run(on_step=on_step)
+
+
+def test_driven_and_simulated_end_at_the_same_tip(model, rig):
+    target = SetPoint(model.state(np.array([0.2, 0.7]), np.zeros(2)).y)
+    real = drive(
+        model, best(model), target, NearDriver(model), period=PERIOD, duration=2.0,
+        watchdog=False, source=rig.hands.source,
+    )  # fmt: skip
+    twin = simulate(
+        model, best(model), target, rig="file", observer=Ekf(model), period=PERIOD, duration=2.0
+    )
+    assert real.complete, real.reason
+    assert not real.failed, real.reason
+    assert math.dist(real.y[-1], twin.y[-1]) < 2e-3
+    assert rig.stops == 1
+    assert rig.rig.state()["relaxed_at"] is not None
+
+
+def test_the_log_has_both_clocks_and_comes_back_from_its_files(model, rig, tmp_path):
+    log = run(model, rig).log
+    assert np.allclose(np.diff(log.clock), PERIOD)
+    assert log.missed.sum() == 0
+    names = list(log.sensor_names)
+    late = log.t - log.stamps[:, names.index("camera.x")]
+    assert late.min() >= 0.02 - 1e-9
+    assert late.max() <= 0.04 + 2 * PERIOD
+    log.save(tmp_path / "a.npz")
+    again = Log.load(tmp_path / "a.npz")
+    assert (again.stamps == log.stamps).all()
+    log.to_csv(tmp_path / "a.csv")
+    header = (tmp_path / "a.csv").read_text().splitlines()[0]
+    assert "stamp.camera.x (s)" in header
+    assert "measured.elbow (rad)" in header
+
+
+def test_commands_rise_and_fall(model, rig):
+    sent = []
+    rig.rig.obey, obey = lambda line: (sent.append(json.loads(line)), obey(line))[1], rig.rig.obey
+    found = run(model, rig, limits=Limits(ramp=0.1), duration=0.3)
+    commands = np.array([one["send"] for one in sent if "send" in one])
+    assert np.allclose(commands[:, 0], np.clip(np.minimum(
+        np.arange(80) / 20, (80 - np.arange(80) - 1) / 20), 0, 1) * 2.0)  # fmt: skip
+    assert sent[-1] == {"stop": True}
+    assert found.cause is Cause.END
+    assert np.allclose(found.log.command, commands[:60])
+
+
+def fault(kind, sensors=("camera",), at=0.15, **more):
+    """After `at` seconds, tell the rig a fault."""
+
+    def on_step(step):
+        if at <= step.t < at + PERIOD:
+            NearDriver.tower.rig.obey(json.dumps({"fault": kind, "sensors": sensors, **more}))
+
+    return on_step
+
+
+@pytest.mark.parametrize("kind", ["lose", "repeat"])
+def test_readings_that_stop_stop_the_run(model, rig, kind):
+    found = run(model, rig, on_step=fault(kind))
+    assert found.cause is Cause.STALE
+    assert "camera.x" in found.reason
+    assert found.reason in found.log.reason
+    assert found.log.t[-1] <= 0.15 + 0.1 + PERIOD
+    assert rig.stops == 1
+
+
+def test_late_readings_stop_the_run(model, rig):
+    found = run(model, rig, on_step=fault("delay", seconds=0.2))
+    assert found.cause is Cause.STALE
+
+
+def test_frozen_readings_are_a_lost_estimate(model, rig):
+    def law(state, reference):  # the arm must move
+        t = NearDriver.tower.hands.time
+        return 4.0 * np.array([math.sin(20 * t), math.cos(20 * t)])
+
+    found = run(
+        model, rig, law, duration=2.0, on_step=fault("freeze", ("shoulder", "elbow"), at=0.6)
+    )
+    assert found.cause is Cause.LOST
+    assert 0.6 < found.log.t[-1] < 1.0
+
+
+def test_a_reading_beyond_its_limits_stops_the_run(model, rig):
+    found = run(model, rig, held(model, (59.0, 0.0)), duration=2.0, limits=Limits(ramp=0.0))
+    assert found.cause is Cause.LIMIT
+    assert "shoulder" in found.reason
+
+
+def test_a_tension_beyond_its_bound_stops_the_run(model, rig):
+    class Strong(NearDriver):
+        def read(self):
+            values, stamps = super().read()
+            values = values.copy()
+            values[2] = 70.0 if self.tower.hands.time > 100.2 else values[2]
+            return values, stamps
+
+    given = Drive(
+        model, held(model), SetPoint(np.zeros(3)), Strong(model), period=PERIOD, duration=0.5,
+        watchdog=False, source=rig.hands.source,
+    )  # fmt: skip
+    found = given.run()
+    assert found.cause is Cause.TENSION
+    assert rig.stops == 1
+
+
+class Broken:
+    """A controller that does something else after a few calls."""
+
+    def __init__(self, then):
+        self.then, self.calls = then, 0
+
+    def __call__(self, state, reference):
+        self.calls += 1
+        return np.zeros(2) if self.calls < 40 else self.then()
+
+    def __deepcopy__(self, memo):
+        raise TypeError("not to be copied")
+
+
+def raises():
+    raise RuntimeError("my own mistake")
+
+
+def test_a_controller_s_exception_and_a_command_that_is_not_finite(model, rig):
+    found = run(model, rig, Broken(raises))
+    assert found.cause is Cause.CONTROLLER
+    assert "my own mistake" in found.log.reason
+    assert isinstance(found.error, RuntimeError)
+    found = run(model, rig, Broken(lambda: np.full(2, np.nan)))
+    assert found.cause is Cause.COMMAND
+    assert rig.stops == 2
+
+
+@pytest.mark.parametrize("method", ["start", "read", "send"])
+def test_a_driver_s_exception(model, rig, method):
+    class Failing(NearDriver):
+        pass
+
+    def fails(self, *_):
+        if method == "start" or self.tower.hands.time > 100.2:
+            raise OSError("cable unplugged")
+        return getattr(NearDriver, method)(self, *_)
+
+    setattr(Failing, method, fails)
+    given = Drive(
+        model, held(model), SetPoint(np.zeros(3)), Failing(model), period=PERIOD, duration=0.5,
+        watchdog=False, source=rig.hands.source,
+    )  # fmt: skip
+    found = given.run()
+    assert found.cause is Cause.DRIVER
+    assert found.reason == f"{method}(): OSError: cable unplugged"
+    assert rig.stops == 1
+
+
+def test_an_observer_s_exception(model, rig):
+    class Blind:
+        def step(self, t, measurements, u):
+            raise ValueError("dark")
+
+    found = run(model, rig, observer=Blind())
+    assert found.cause is Cause.OBSERVER
+    assert rig.stops == 1
+
+
+def test_a_miss_holds_the_last_command_and_many_stop_the_run(model, rig):
+    slow = {20: 2.3, 30: 0.7}
+
+    def law(state, reference):
+        k = round((rig.hands.time - begin) / PERIOD)
+        rig.hands.pass_(slow.get(k, 0.0) * PERIOD)
+        return np.array([2.0, 1.0])
+
+    begin = 100.0
+    found = run(model, rig, law, limits=Limits(ramp=0.0))
+    log = found.log
+    assert found.cause is Cause.END
+    assert log.missed.sum() == 2
+    left = np.flatnonzero(log.status == "left out")
+    assert len(left) == 1
+    assert np.isnan(log.clock[left]).all()
+    assert (log.command[left] == log.command[left - 1]).all()
+    slow[25] = 6.0
+    begin = rig.hands.time
+    assert run(model, rig, law).cause is Cause.MISSED
+
+
+def test_what_cannot_be_driven_is_refused(model, rig):
+    with pytest.raises(InputError, match=r"no start\(\)"):
+        Drive(model, held(model), SetPoint(np.zeros(3)), object())
+    with pytest.raises(InputError, match="latency and the interval of 'camera'"):
+        run(model, rig, limits=Limits(stale=0.03))

@@ -1,0 +1,10 @@
+"""A real rig in place of the twin: the same loop on the monotonic clock, and what makes it safe.
+
+- `driver`: what a user writes, a driver of the rig, and its readings in order
+- `clock`: the beginnings of the control periods on the monotonic clock
+- `fail_safe`: the causes for which a run stops, and the checks that find them
+- `plant`: a driver as the plant of a loop
+- `watchdog`: a process that relaxes the rig if the loop's process dies or blocks
+- `drive`: one run on a rig
+- `served`: a simulated rig in real time behind a local socket
+"""

@@ -1,0 +1,464 @@
+"""One run on a real rig: the loop, the clock, the fail-safe and the watchdog."""
+
+from __future__ import annotations
+
+import copy
+import gc
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Event, Thread, current_thread, main_thread
+from typing import Any
+
+import numpy as np
+from tqdm.auto import tqdm
+
+from softdyn import InputError, SoftModel, State
+from softdyn.actuation import CommandKind, Winches
+from softdyn.checks import array, number
+from softdyn.dynamics.model import check_model
+from softdyn.estimation import Ekf, Observer
+from softdyn.exceptions import one_line
+from softdyn.validation.bench.clock import MONOTONIC, Deadlines, TimeSource
+from softdyn.validation.bench.driver import Driver, another, check_driver
+from softdyn.validation.bench.fail_safe import Cause, FailSafe, Limits, Stop
+from softdyn.validation.bench.plant import RealRig, SeeingObserver
+from softdyn.validation.bench.watchdog import LATE, Watchdog, shared
+from softdyn.validation.loop.arguments import ReferenceLike, RunOptions, nowhere
+from softdyn.validation.loop.closed_loop import ClosedLoop, Controller
+from softdyn.validation.loop.experiment import Experiment
+from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.record import ControlStep
+
+SIGNALS = {
+    signal.SIGINT: Cause.CTRL_C, signal.SIGTERM: Cause.TERMINATED, signal.SIGHUP: Cause.HUNG_UP
+}  # fmt: skip
+SWITCH = 1e-4  # s; another thread gives the interpreter back after so long
+COLLECT = 1.0  # s between two collections of garbage, in the idle part of a period
+IDLE = 0.5  # of a period that must be left for one
+WARM = 20  # calls of copies of observer and controller before the run
+SHOWN = 0.2  # s between two looks of the progress bar
+
+
+@dataclass(frozen=True)
+class Driven:
+    """A run on a rig.
+
+    Attributes
+    ----------
+    log : Log
+        Its record.
+    cause : Cause
+        The cause for which it stopped.
+    reason : str
+        The same in a sentence; empty at the planned end.
+    error : BaseException or None
+        An exception of the user's code that stopped it.
+    """
+
+    log: Log
+    cause: Cause
+    reason: str
+    error: BaseException | None = None
+
+
+@dataclass
+class _Heard:
+    """The first signal that came; before the first period it stops the run at once."""
+
+    cause: Cause | None = None
+    running: bool = False
+
+    def __call__(self, number: int, _: Any) -> None:
+        first = self.cause is None
+        self.cause = self.cause or SIGNALS[signal.Signals(number)]
+        if first and not self.running:
+            raise Stop(self.cause, self.cause.value)
+
+
+def drive(
+    model: SoftModel,
+    controller: Controller,
+    reference: ReferenceLike,
+    driver: Driver,
+    observer: Observer | None = None,
+    period: float = 0.005,
+    duration: float = 10.0,
+    **options: Any,
+) -> Log:
+    """Run a controller on a real rig, and record what happens: a `Drive` in one call.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot, with its rig in the file.
+    controller : Callable[[State, Reference], ControllerOutput]
+        As for `softdyn.validation.simulate`. It is prepared for the reference before the run.
+    reference : Experiment or Callable[[float], Reference]
+        The second is of t (s), e.g. a `SetPoint`.
+    driver : Driver
+        The rig's driver.
+    observer : Observer, optional
+        It estimates the state from the readings; an `Ekf` of the file's sensors by default.
+    period, duration : float
+        Control period and length of the run (s).
+    **options : Any
+        `limits`, `name`, `watchdog`, `hold` and `log_to` of `Drive`.
+
+    Returns
+    -------
+    Log
+        The run, whatever has stopped it; `Log.reason` says what, unless it is the planned end.
+
+    Raises
+    ------
+    InputError
+        For arguments that cannot be run.
+    """
+    return (
+        Drive(model, controller, reference, driver, observer, period, duration, **options).run().log
+    )
+
+
+class Drive:
+    """A run on a real rig, made ready before it begins.
+
+    The constructor opens nothing. It prepares the controller for the reference. `run` calls copies
+    of controller and observer, so that everything is compiled. Then it starts the driver, keeps the
+    period, and always ends with ``driver.stop()``.
+
+    Parameters
+    ----------
+    model, controller, reference, driver, observer, period, duration
+        As for `drive`.
+    limits : Limits
+        When the run must stop, and its ramps.
+    name : str, optional
+        The controller's name in the log.
+    watchdog : bool
+        Whether a process of its own relaxes the rig if this one dies or blocks. It *kills* this
+        process if it gives no sign of life for 100 ms or two periods.
+    hold : array_like, (nu,), optional
+        Constant commands in the file's units, sent instead of the controller's.
+    log_to : str or Path, optional
+        A file; if the watchdog has to act, it writes the log up to there.
+    source : TimeSource
+        The clock; readings are stamped by it.
+
+    Attributes
+    ----------
+    loop : ClosedLoop
+        The loop.
+    clock : Deadlines
+        Its clock.
+
+    Raises
+    ------
+    InputError
+        For arguments that cannot be run: no sensors, no driver, a period that is not positive.
+    """
+
+    def __init__(
+        self,
+        model: SoftModel,
+        controller: Controller,
+        reference: ReferenceLike,
+        driver: Driver,
+        observer: Observer | None = None,
+        period: float = 0.005,
+        duration: float = 10.0,
+        *,
+        limits: Limits | None = None,
+        name: str | None = None,
+        watchdog: bool = True,
+        hold: Any = None,
+        log_to: str | Path | None = None,
+        source: TimeSource = MONOTONIC,
+    ) -> None:
+        self.limits = Limits() if limits is None else limits
+        self._driver = check_driver(driver)
+        self._model = check_model(model)
+        self._log_to = log_to
+        number("period", period, above=0.0)
+        if not model.robot.sensors:
+            raise InputError("model", "a file with <sensor> elements, which a rig reads", "none")
+        safe = self._safe = FailSafe(model, self.limits, period)
+        if hold is not None:
+            hold = array("hold", hold, (model.nu,))
+        self._rig = RealRig(model, driver, safe, period, controller, hold, source)
+        inner = Ekf(model) if observer is None else observer
+        seeing = SeeingObserver(inner, self._rig, safe)
+        self._spare = another(driver, model) if watchdog else None
+        options = RunOptions(
+            duration=duration, period=period, plant=self._rig, observer=seeing, name=name
+        )
+        if hasattr(controller, "prepare") and reference is not nowhere:
+            aim = reference.reference if isinstance(reference, Experiment) else reference
+            controller.prepare(aim)
+        self.loop = ClosedLoop(model, controller, reference, options)
+        self._actors = controller, inner
+        self.clock, self._now = Deadlines(period, source), source.now
+
+    def _warm(self) -> None:
+        """Let copies of observer and controller work, so that nothing is compiled in the run.
+
+        It follows the fork of the watchdog: the first use of a page of memory after it is slow.
+        """
+        model, rig, period = self._model, self._rig, self.loop.grid.period
+        state = model.state(model.q0, np.zeros(model.nv))
+        readings = np.asarray(model.measure(state, rig.relaxed))
+        with suppress(Exception):  # a user's object that cannot be copied is not called
+            controller, observer = copy.deepcopy(self._actors)
+            seeing = SeeingObserver(observer, rig, self._safe)
+            for k in range(WARM):
+                rig.read.new = readings
+                rig.read.stamps = np.full(len(readings), rig.begin + (k - 1) * period)
+                seen = seeing.step(k * period, readings, rig.sent)
+                controller(model.state(seen.q, seen.v), self.loop.reference(0.0))
+        rig.read.clear()
+        self._safe.clear()
+
+    def run(
+        self, *, progress: bool = False, on_step: Callable[[ControlStep], None] | None = None
+    ) -> Driven:
+        """Run to the planned end, or until something stops it.
+
+        Parameters
+        ----------
+        progress : bool
+            Show a bar on stderr if that is a terminal.
+        on_step : Callable[[ControlStep], None], optional
+            Called after each control step, in the idle part of its period.
+        """
+        heard, error = _Heard(), None
+        watchdog = self._watchdog()
+        cause, reason = Cause.END, ""
+        try:
+            with _signals(heard), _quiet_interpreter(), self._progress(progress):
+                try:
+                    self._warm()
+                    self._rig.open()
+                    self._steps(heard, watchdog, on_step)
+                    self._relax(heard, watchdog)
+                except Stop as stop:
+                    cause, reason = stop.cause, stop.reason
+                    error = stop.__cause__
+                except KeyboardInterrupt:  # raised by hand, in a thread without signals
+                    cause, reason = Cause.CTRL_C, Cause.CTRL_C.value
+                except BaseException as fault:
+                    cause, error = Cause.CONTROLLER, fault
+                    reason = one_line(f"controller: {type(fault).__name__}: {fault}", 300)
+                finally:
+                    fault = self._stop()
+        finally:
+            if watchdog is not None:
+                watchdog.end()
+        if fault is not None and cause is Cause.END:
+            cause, reason, error = Cause.DRIVER, f"stop(): {fault}", fault
+        return Driven(self.log(cause, reason), cause, reason, error)
+
+    def log(self, cause: Cause, reason: str) -> Log:
+        """The run so far, with what has stopped it."""
+        if cause is not Cause.END:
+            self.loop.stopped(reason)
+        return self.loop.log()
+
+    def _stop(self) -> Exception | None:
+        """Relax the rig; a second try if the first fails."""
+        for _ in range(2):
+            try:
+                self._driver.stop()
+            except Exception as error:
+                fault: Exception = error
+            else:
+                return None
+        return fault
+
+    def _steps(
+        self,
+        heard: _Heard,
+        watchdog: Watchdog | None,
+        on_step: Callable[[ControlStep], None] | None,
+    ) -> None:
+        """All control periods."""
+        loop, rig, clock, safe = self.loop, self._rig, self.clock, self._safe
+        collect = self._now() + COLLECT
+        heard.running = True
+        clock.start()
+        rig.begin = clock.begin
+        while True:
+            before = clock.missed
+            left_out = clock.wait()
+            self._alive(heard, watchdog)
+            safe.deadlines(clock.in_a_row)
+            rig.late, rig.missed = clock.late, clock.missed - before - left_out
+            rig.leave_out(left_out)
+            for _ in range(left_out):
+                loop.hold(clock=np.nan, missed=1.0)
+            step = loop.control()
+            if step is None:
+                break
+            loop.advance()
+            self._count()
+            if on_step is not None:
+                on_step(step)
+            if self._now() > collect and clock.left > IDLE * clock.period:
+                gc.collect()
+                collect = self._now() + COLLECT
+        if loop.steps < loop.grid.steps:
+            raise Stop(self._why(), loop.reason or "")
+
+    def _why(self) -> Cause:
+        """The cause of an end that the loop itself has decided."""
+        try:
+            self.loop.loop.admit()
+        except InputError:
+            return Cause.COMMAND
+        return Cause.DIVERGED
+
+    def _alive(self, heard: _Heard, watchdog: Watchdog | None) -> None:
+        """Give the heartbeat; stop after a signal, or without the watchdog."""
+        if heard.cause is not None:
+            raise Stop(heard.cause, heard.cause.value)
+        if watchdog is not None and not watchdog.beat():
+            raise Stop(Cause.WATCHDOG, "the watchdog's process has ended")
+
+    def _relax(self, heard: _Heard, watchdog: Watchdog | None) -> None:
+        """Let the commands fall, for `Limits.ramp` seconds after the planned end."""
+        loop, rig, clock = self.loop.loop, self._rig, self.clock
+        steps = round(self.limits.ramp / clock.period)
+        u = loop.u
+        for k in range(steps):
+            clock.wait()
+            self._alive(heard, watchdog)
+            self._safe.deadlines(clock.in_a_row)
+            rig.leave_out(1)
+            loop.read(self.loop.grid.duration + (k + 1) * clock.period)
+            assert loop.seen is not None
+            rig.send(u, 1.0 - (k + 1) / steps, loop.seen)
+
+    # -- what another process sees -------------------------------------------------------------
+
+    def _watchdog(self) -> Watchdog | None:
+        """The watchdog, with the run's record in shared memory."""
+        self._counted = np.zeros(1, np.int64)
+        if self._spare is None:
+            return None
+        if self._log_to is not None:
+            self._counted = shared(self._counted)
+            self.loop.share(shared)
+        late = max(LATE, 2 * self.clock.period)
+        return Watchdog(self._spare, late, self._save)
+
+    def _count(self) -> None:
+        self._counted[0] = self.loop.steps
+
+    def _save(self, reason: str) -> None:
+        """Write the log in the watchdog's process."""
+        if self._log_to is None:
+            return
+        self.loop.resume_at(int(self._counted[0]))
+        log, path = self.log(Cause.WATCHDOG, reason), str(self._log_to)
+        (log.to_csv if path.endswith(".csv") else log.save)(path)
+        print(f"wrote {path}: the run up to t = {log.t[-1]:.4g} s", file=sys.stderr, flush=True)
+
+    @contextmanager
+    def _progress(self, shown: bool) -> Iterator[None]:
+        """A bar in a thread of its own."""
+        if not shown or not sys.stderr.isatty():
+            yield
+            return
+        over = Event()
+
+        def show() -> None:
+            with tqdm(total=self.loop.grid.steps, leave=False, unit="step") as bar:
+                while not over.wait(SHOWN):
+                    bar.update(self.loop.steps - bar.n)
+
+        thread = Thread(target=show, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
+
+
+class _Held:
+    """A controller and its output: the forces u (nu,) that constant commands give."""
+
+    name = "constant commands"
+
+    def __init__(self, model: SoftModel, commands: np.ndarray) -> None:
+        self._winches, self._commands, self.u = Winches(model), commands, np.zeros(model.nu)
+        speeds = [actuator.command is CommandKind.VELOCITY for actuator in model.robot.actuators]
+        self._forces = ~np.array(speeds, bool)
+
+    def __call__(self, state: State, reference: Any) -> _Held:
+        """The forces at a state; those of velocities are not known."""
+        forces = self._winches.tensions(state, self._commands)
+        self.u = np.where(self._forces, forces, 0.0)
+        return self
+
+
+def hold_commands(model: SoftModel, commands: Any, driver: Driver, **options: Any) -> Drive:
+    """A run in which a rig gets constant commands, after their ramp.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot with its rig.
+    commands : array_like, (nu,)
+        Forces, free lengths (m) or velocities, as the file's motors state.
+    driver : Driver
+        The rig's driver.
+    **options : Any
+        Those of `Drive`.
+
+    Raises
+    ------
+    InputError
+        As for `Drive`, and for commands beyond the bounds of their motors.
+    """
+    values = array("hold", commands, (model.nu,))
+    winches = Winches(model)
+    bounds = zip(model.robot.actuators, values, winches.lower, winches.upper, strict=True)
+    for actuator, value, lower, upper in bounds:
+        if actuator.command is not CommandKind.VELOCITY and not lower <= value <= upper:
+            expected = f"a command of {actuator.name!r} from {lower:g} to {upper:g}"
+            raise InputError("hold", expected, f"{value:g}")
+    return Drive(model, _Held(model, values), nowhere, driver, hold=values, **options)
+
+
+@contextmanager
+def _signals(heard: _Heard) -> Iterator[None]:
+    """Let `heard` have Ctrl-C, SIGTERM and SIGHUP; a second one must not interrupt the end."""
+    if current_thread() is not main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, heard) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _quiet_interpreter() -> Iterator[None]:
+    """Collect no garbage by itself, and let other threads give way soon."""
+    switch, on = sys.getswitchinterval(), gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    sys.setswitchinterval(SWITCH)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(switch)
+        gc.unfreeze()
+        if on:
+            gc.enable()

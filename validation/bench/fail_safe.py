@@ -1,0 +1,200 @@
+"""The one place that decides why a run on a rig stops."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtri
+
+from softdyn import InputError, SoftModel
+from softdyn.checks import number, whole
+from softdyn.description.rig import SensorKind
+from softdyn.validation.bench.driver import NewestReadings
+from softdyn.validation.twin.readings import component_names
+
+SURE = 1e-6  # chance that a consistent filter counts as lost
+DEVIATIONS = 6.0  # of a tension sensor's noise beyond the bound of its motors
+MARGIN = 0.05  # of that bound
+
+
+class Cause(Enum):
+    """The cause for which a run on a rig stops."""
+
+    END = "planned end"
+    CTRL_C = "Ctrl-C"
+    TERMINATED = "SIGTERM"
+    HUNG_UP = "SIGHUP"
+    CONTROLLER = "controller"
+    OBSERVER = "observer"
+    DRIVER = "driver"
+    STALE = "stale reading"
+    LIMIT = "reading outside its limits"
+    TENSION = "tension beyond its bound"
+    COMMAND = "command"
+    MISSED = "missed deadlines"
+    LOST = "lost estimate"
+    DIVERGED = "tip far from its reference"
+    WATCHDOG = "watchdog"
+
+
+class Stop(Exception):
+    """The run stops.
+
+    Attributes
+    ----------
+    cause : Cause
+        The cause.
+    reason : str
+        The same in a sentence.
+    """
+
+    def __init__(self, cause: Cause, reason: str) -> None:
+        self.cause, self.reason = cause, reason
+        super().__init__(reason)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Stop, (self.cause, self.reason)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The limits of a run on a rig.
+
+    Attributes
+    ----------
+    stale : float
+        Largest age of a reading (s), from its measurement.
+    missed : int
+        Number of missed deadlines in a row at which the run stops.
+    lost : float
+        The estimate is lost if its innovations over this time (s) are beyond the 1 - 1e-6 quantile
+        of χ². This is judged after `ramp`, because an observer may begin far from the robot's pose.
+    ramp : float
+        Time (s) in which the commands rise at the beginning and fall at the end.
+
+    Raises
+    ------
+    InputError
+        A number out of range.
+    """
+
+    stale: float = 0.1
+    missed: int = 5
+    lost: float = 0.2
+    ramp: float = 0.5
+
+    def __post_init__(self) -> None:
+        number("stale", self.stale, above=0.0)
+        whole("missed", self.missed, lower=1)
+        number("lost", self.lost, above=0.0)
+        number("ramp", self.ramp, lower=0.0)
+
+
+class FailSafe:
+    """The checks of a run; each raises `Stop` with its cause.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot with its rig.
+    limits : Limits
+        The limits.
+    period : float
+        Control period (s).
+
+    Raises
+    ------
+    InputError
+        A sensor whose readings are always older than `Limits.stale`.
+    """
+
+    def __init__(self, model: SoftModel, limits: Limits, period: float) -> None:
+        self.limits, sensors = limits, model.robot.sensors
+        self.names = component_names(sensors)
+        for sensor in sensors:
+            oldest = sensor.latency + (1 / sensor.rate if sensor.rate > 0 else 0.0)
+            if oldest >= limits.stale:
+                expected = (
+                    f"more than {oldest:g} s, the latency and the interval of {sensor.name!r}"
+                )
+                raise InputError("stale", expected, limits.stale)
+        self._lower, self._upper = (
+            np.concatenate([
+                np.broadcast_to(getattr(sensor, name), sensor.kind.size) for sensor in sensors
+            ] or [np.zeros(0)])
+            for name in ("lower", "upper")
+        )  # fmt: skip
+        self._pull = np.concatenate(
+            [np.full(s.kind.size, _most(model, s)) for s in sensors] or [np.zeros(0)]
+        )
+        self._innovations: deque[tuple[float, int]] = deque(
+            maxlen=max(round(limits.lost / period), 1)
+        )
+
+    def clear(self) -> None:
+        """Forget all innovations."""
+        self._innovations.clear()
+
+    def readings(self, read: NewestReadings, now: float) -> None:
+        """Stop at a reading that is too old at the time `now` (s), or out of its limits."""
+        age = now - read.stamps
+        old = ~(age <= self.limits.stale)
+        if old.any():
+            k = int(np.argmax(old))
+            given = f"{1e3 * age[k]:.0f} ms old" if np.isfinite(age[k]) else "never came"
+            raise Stop(
+                Cause.STALE, f"the reading {self.names[k]} {'is ' * (given[0] != 'n')}{given}"
+            )
+        with np.errstate(invalid="ignore"):
+            outside = (read.new < self._lower) | (read.new > self._upper)
+            slack = read.new > self._pull
+        for found, cause in ((outside, Cause.LIMIT), (slack, Cause.TENSION)):
+            if found.any():
+                k = int(np.argmax(found))
+                bound = (
+                    self._pull[k]
+                    if cause is Cause.TENSION
+                    else (self._lower[k] if read.new[k] < self._lower[k] else self._upper[k])
+                )
+                text = f"the reading {self.names[k]} is {read.new[k]:.6g}, beyond {bound:.6g}"
+                raise Stop(cause, text)
+
+    def estimate(self, estimate: Any, t: float) -> None:
+        """At t (s), stop where the innovations of the last `Limits.lost` seconds are too large."""
+        nis, used = getattr(estimate, "nis", None), getattr(estimate, "used", 0)
+        if nis is None or t < self.limits.ramp:
+            return
+        self._innovations.append((float(nis), int(used)))
+        if len(self._innovations) < (self._innovations.maxlen or 0):
+            return
+        total, count = (sum(column) for column in zip(*self._innovations, strict=True))
+        if count and not total <= chdtri(count, SURE):
+            text = f"innovations of {total:.3g} in {count} readings: the estimate is lost"
+            raise Stop(Cause.LOST, text)
+
+    def deadlines(self, in_a_row: int) -> None:
+        """Stop after too many missed deadlines in a row."""
+        if in_a_row >= self.limits.missed:
+            raise Stop(Cause.MISSED, f"{in_a_row} deadlines missed in a row")
+
+    def commands(self, commands: np.ndarray) -> None:
+        """Stop before a command that is not finite."""
+        if not np.isfinite(commands).all():
+            raise Stop(Cause.COMMAND, f"commands {commands.tolist()}")
+
+
+def _most(model: SoftModel, sensor: Any) -> float:
+    """The largest tension (N) that a sensor may read, by the bounds of its tendon's motors."""
+    if sensor.kind is not SensorKind.TENSION:
+        return np.inf
+    robot = model.robot
+    tendon = next(one for one in robot.tendons if one.name == sensor.tendon)
+    if tendon.stiffness or tendon.damping:  # its own spring adds what the motors do not bound
+        return np.inf
+    motors = [one for one in robot.actuators if one.tendon == sensor.tendon]
+    bound = sum(max(abs(one.gear * one.lower), abs(one.gear * one.upper)) for one in motors)
+    return bound * (1 + MARGIN) + DEVIATIONS * max(sensor.noise)

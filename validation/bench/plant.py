@@ -1,0 +1,231 @@
+"""A rig behind its driver, as the plant of a loop, and the observer that sees it."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from softdyn import SoftModel, State
+from softdyn.actuation import CommandKind, Winches
+from softdyn.estimation import Observer
+from softdyn.exceptions import one_line
+from softdyn.validation.bench.clock import MONOTONIC, TimeSource
+from softdyn.validation.bench.driver import Driver, NewestReadings
+from softdyn.validation.bench.fail_safe import Cause, FailSafe, Stop
+from softdyn.validation.channels import LogChannel, inputs, positions, rates
+from softdyn.validation.twin.readings import command_units, component_names, component_units
+
+FIRST_READINGS = 3.0  # s for every sensor's first reading after `start`
+PAUSE = 0.002  # s between two looks for them
+
+
+@contextmanager
+def blamed(cause: Cause, what: str) -> Iterator[None]:
+    """Turn an exception of the block into a `Stop` with this cause."""
+    try:
+        yield
+    except Stop:
+        raise
+    except Exception as error:
+        reason = one_line(f"{what}: {type(error).__name__}: {error}", 300)
+        raise Stop(cause, reason) from error
+
+
+class RealRig:
+    """A rig behind a driver; it is a `softdyn.validation.loop.plants.Plant`.
+
+    Only an observer knows its state. The controller's forces become commands as the file's motors
+    take them. In the first `Limits.ramp` seconds they rise from the relaxed input.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot with its rig.
+    driver : Driver
+        Its driver.
+    safe : FailSafe
+        It stops the run.
+    period : float
+        Control period (s).
+    controller : Any, optional
+        Its `applied` hears of inputs that the ramp has changed.
+    hold : ndarray, (nu,), optional
+        Constant commands that are sent instead of the controller's.
+    source : TimeSource
+        The clock.
+
+    Attributes
+    ----------
+    read : NewestReadings
+        The readings.
+    sent : ndarray, (nu,)
+        The last commands.
+    relaxed : ndarray, (nu,)
+        The input nearest to zero within its bounds.
+    begin : float
+        The time of the first period on the clock of `time.monotonic` (s).
+    late, missed : float, int
+        Lateness (s) of the present period, and deadlines missed before it.
+    """
+
+    real_time, alters_states = True, False
+
+    def __init__(
+        self,
+        model: SoftModel,
+        driver: Driver,
+        safe: FailSafe,
+        period: float,
+        controller: Any = None,
+        hold: np.ndarray | None = None,
+        source: TimeSource = MONOTONIC,
+    ) -> None:
+        robot = model.robot
+        self._model, self._driver, self._safe, self._period = model, driver, safe, period
+        self._winches, self._hold, self._source = Winches(model), hold, source
+        self._speeds = np.array([a.command is CommandKind.VELOCITY for a in robot.actuators], bool)
+        self._told: Callable[[np.ndarray], None] | None = getattr(controller, "applied", None)
+        names = component_names(robot.sensors)
+        self.read = NewestReadings(len(names))
+        self.relaxed = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
+        self.begin, self.late, self.missed, self._steps = 0.0, 0.0, 0, 0
+        self.settings: Mapping[str, Any] = {"contacts": True, "plant": type(driver).__name__}
+        motors = [actuator.name for actuator in robot.actuators]
+        self.channels = (
+            LogChannel.of("command", zip(motors, command_units(robot), strict=True), held=True),
+            LogChannel.of("acting", inputs(model)),
+            LogChannel.of("measured", zip(names, component_units(robot), strict=True)),
+            LogChannel.of("q_seen", positions(model), held=True),
+            LogChannel.of("v_seen", rates(model), held=True),
+            LogChannel("clock", units=("s",)),
+            LogChannel.of("stamps", [(name, "s") for name in names], "stamp"),
+            LogChannel("missed"),
+        )
+        self.start(model.q0, np.zeros(model.nv))
+
+    def start(
+        self, q: np.ndarray, v: np.ndarray, t: float = 0.0, u: np.ndarray | None = None
+    ) -> None:
+        """Take the motors as relaxed at the pose q (nq,); the driver is not touched."""
+        self._free = self._winches.commands(self._model.state(q, v), self.relaxed)
+        self._first = self.sent = np.where(self._speeds, 0.0, self._free)
+        self.acting, self._steps = self.relaxed, 0
+
+    def open(self) -> None:
+        """Start the driver, and wait for every sensor's first reading.
+
+        Raises
+        ------
+        Stop
+            An exception of the driver, or a sensor that stays silent.
+        """
+        with blamed(Cause.DRIVER, "start()"):
+            self._driver.start()
+        patience = self._source.now() + FIRST_READINGS
+        while np.isnan(self.read.stamps).any() and self._source.now() < patience:
+            self._take()
+            self._source.sleep(PAUSE)
+        self._take()
+        self._safe.readings(self.read, self._source.now())
+
+    def _take(self) -> float:
+        """Read the driver; return the time (s)."""
+        with blamed(Cause.DRIVER, "read()"):
+            values, stamps = self._driver.read()
+            now = self._source.now()
+            self.read.take(values, stamps, now)
+        return now
+
+    def state(self) -> None:
+        """None: only an observer knows the state."""
+
+    def sample(self) -> dict[str, Any]:
+        """The newest readings (k,), their times, and the time of this reading of the clock.
+
+        Raises
+        ------
+        Stop
+            The run must not go on.
+        """
+        now = self._take()
+        self._safe.readings(self.read, now)
+        return {
+            "acting": self.acting, "measured": self.read.values.copy(),
+            "clock": self.begin + self._period * self._steps + self.late,
+            "stamps": self.read.stamps - self.begin, "missed": self.missed,
+        }  # fmt: skip
+
+    def see(self, state: State) -> State:
+        """The state itself."""
+        return state
+
+    def leave_out(self, periods: int) -> None:
+        """Periods pass without a control step."""
+        self._steps += periods
+
+    def advance(self, u: np.ndarray, steps: int, seen: State) -> dict[str, np.ndarray]:
+        """Send the commands for the input u (nu,), computed at the state `seen`."""
+        ramp = self._safe.limits.ramp
+        share = min(self._steps * self._period / ramp, 1.0) if ramp > 0 else 1.0
+        self.send(u, share, seen)
+        if share < 1.0 and self._told is not None:
+            self._told(self.acting)
+        self._steps += 1
+        return {"command": self.sent}
+
+    def send(self, u: np.ndarray, share: float, seen: State) -> None:
+        """Send the commands for a share of the way from the relaxed input to u (nu,)."""
+        if self._hold is not None:
+            asked = self._first + share * (self._hold - self._first)
+            self.acting = u
+        else:
+            self.acting = self.relaxed + share * (u - self.relaxed)
+            lengths = self._winches.commands(seen, self.acting)
+            asked = np.where(self._speeds, (lengths - self._free) / self._period, lengths)
+        self._safe.commands(asked)
+        moved = self._free + np.where(self._speeds, asked * self._period, 0.0)
+        self._free = np.clip(moved, self._winches.lower, self._winches.upper)
+        self.sent = asked
+        with blamed(Cause.DRIVER, "send()"):
+            self._driver.send(asked.copy())
+
+
+class SeeingObserver:
+    """An observer that gets only new readings, with their times if it takes them.
+
+    Its exceptions and a lost estimate stop the run. All other attributes are the observer's.
+
+    Parameters
+    ----------
+    observer : Observer
+        The observer.
+    rig : RealRig
+        The rig.
+    safe : FailSafe
+        It stops the run.
+    """
+
+    def __init__(self, observer: Observer, rig: RealRig, safe: FailSafe) -> None:
+        self.observer, self._rig, self._safe = observer, rig, safe
+        known = inspect.signature(observer.step).parameters
+        self._stamped = "stamps" in known
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name == "observer":
+            raise AttributeError(name)
+        return getattr(self.observer, name)
+
+    def step(self, t: float, measurements: np.ndarray, u: np.ndarray) -> Any:
+        """The observer's estimate at t (s)."""
+        read = self._rig.read
+        more = {"stamps": read.stamps - self._rig.begin} if self._stamped else {}
+        with blamed(Cause.OBSERVER, "observer"):
+            estimate = self.observer.step(t, read.new, u, **more)
+            if not (np.isfinite(estimate.q).all() and np.isfinite(estimate.v).all()):
+                raise ValueError("an estimate that is not finite")
+        self._safe.estimate(estimate, t)
+        return estimate
