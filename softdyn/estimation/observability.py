@@ -5,8 +5,10 @@ rests, without noise, from a start that is wrong in every joint. Its Riccati rec
 expected errors. A second filter without readings gives the errors that the model alone leaves. With
 their covariances P and P₀ of q, a direction x is seen if xᵀ P x < xᵀ P₀ x / 4. Along a run the
 readings have noise: a filter that knows little follows it into wrong shapes while the robot moves,
-and no equilibrium shows this. The process noise stays at `EkfParameters.process` in both filters:
-readings without noise would lower that of one.
+and no equilibrium shows this. The process noise stays at `EkfParameters.process` in both filters,
+because readings without noise would lower that of one. So their errors are those of a model that
+lacks forces. A third filter, with `EkfParameters.least_process`, gives the error where the model is
+right.
 """
 
 from __future__ import annotations
@@ -48,8 +50,8 @@ class Observability:
         Expected error of each joint (rad, m) at the end, without readings and with them.
     seen, free : int
         Directions of q that the sensors show, of those that no stop holds.
-    tip : float
-        Expected error of the tip (m), ‖·‖.
+    tip, tip_if_right : float
+        Expected error of the tip (m), ‖·‖; and where the model is right.
     links : dict of str to float
         Expected error of each link's origin (m).
     t, tip_error, shape_error : ndarray, (N,)
@@ -65,6 +67,7 @@ class Observability:
     seen: int
     free: int
     tip: float
+    tip_if_right: float
     links: dict[str, float]
     t: np.ndarray
     tip_error: np.ndarray
@@ -80,6 +83,7 @@ class Observability:
                 for name, blind, deviation in joints
             ],
             "seen": self.seen, "free": self.free, "tip_mm": 1e3 * self.tip,
+            "tip_if_right_mm": 1e3 * self.tip_if_right,
             "links_mm": {name: 1e3 * error for name, error in self.links.items()},
             "wrong_start_forgotten_s": self.forgotten,
             "tip_error_mm": 1e3 * float(self.tip_error[-1]),
@@ -88,7 +92,8 @@ class Observability:
 
     def __str__(self) -> str:
         width = max(len(name) for name in self.joint_names)
-        lines = [f"{'joint':{width}}  without sensors  with them"]
+        lines = ["expected error at the end (rad; m of a joint that slides)"]
+        lines += [f"{'joint':{width}}  without sensors  with them"]
         lines += [
             f"{name:{width}}  {blind:15.4g}  {deviation:9.4g}"
             for name, blind, deviation in zip(
@@ -99,8 +104,9 @@ class Observability:
         when = f"not within {late}" if self.forgotten is None else f"after {self.forgotten:.3g} s"
         return "\n".join([
             *lines,
-            f"the sensors see {self.seen} of {self.free} free directions; expected error of the "
-            f"tip {1e3 * self.tip:.3g} mm",
+            f"the sensors see {self.seen} of {self.free} free directions",
+            f"expected error of the tip: {1e3 * self.tip_if_right:.3g} mm where the model is "
+            f"right, {1e3 * self.tip:.3g} mm where it lacks forces",
             f"here a start that is wrong by {WRONG:g} rad in every joint is forgotten {when}",
         ])  # fmt: skip
 
@@ -180,10 +186,11 @@ def observe_run(
     chosen: tuple[Any, ...] = model.robot.sensors if sensors == FROM_FILE else tuple(sensors)
     start, disturbances, none = states[0].q, tuple(disturbances), np.zeros(model.nv)
     usual = EkfParameters() if parameters is None else parameters
-    constant = replace(usual, least_process=usual.process)
-    seeing, blinded = (
-        Ekf(model, chosen, disturbances, parameters=constant, start=(at, none))
-        for at in (_wrong(model, start), start)
+    loud = replace(usual, least_process=usual.process)
+    calm = replace(usual, process=min(usual.process, usual.least_process))
+    seeing, blinded, trusting = (
+        Ekf(model, chosen, disturbances, parameters=noise, start=(at, none))
+        for at, noise in ((_wrong(model, start), loud), (start, loud), (start, calm))
     )
     reader, rng = Sensors(model, chosen), np.random.default_rng(seed)
     ideal = np.array([reader.measure(state, u).values for state in states])
@@ -193,17 +200,21 @@ def observe_run(
         for column, variance in zip(channel.rows, channel.variance, strict=True):
             noise = rng.normal(size=len(own)) * (0.0 if seed is None else np.sqrt(variance))
             readings[:, column] = (np.interp(own, t, ideal[:, column]) + noise)[which]
-    seeing.reset(u=u)
-    blinded.reset(u=u)
+    for observer in (seeing, blinded, trusting):
+        observer.reset(u=u)
     tips, shapes = np.empty(steps), np.empty(steps)
     for k, state in enumerate(states):
         found = seeing.step(t[k], readings[k], commands[k])
+        trusted = trusting.step(t[k], readings[k], commands[k])
         blind = blinded.step(t[k], np.full(len(ideal[k]), np.nan), commands[k])
         tips[k] = np.linalg.norm(model.state(found.q, found.v).y - state.y)
         shapes[k] = np.abs(model.coordinates(found.q) - model.coordinates(state.q)).max()
     n, truth = model.nv, states[-1]
     P, P0 = found.covariance[:n, :n], blind.covariance[:n, :n]
-    deviation = float(np.sqrt(np.trace(truth.J @ P @ truth.J.T)))
+    deviation, least = (
+        float(np.sqrt(np.trace(truth.J @ one.covariance[:n, :n] @ truth.J.T)))
+        for one in (found, trusted)
+    )
     outside = np.flatnonzero(tips > WITHIN * deviation)
     last = outside[-1] + 1 if len(outside) else 0
     free = (np.diag(P0) > 0) & (np.diag(P) > 0)
@@ -211,7 +222,8 @@ def observe_run(
     return Observability(
         joint_names=model.joint_names, blind=np.sqrt(np.diag(P0)), deviations=np.sqrt(np.diag(P)),
         seen=int((ratios < SEEN).sum()), free=int(free.sum()), tip=deviation,
-        links=_link_errors(model, truth.q, P), t=t - t[0], tip_error=tips, shape_error=shapes,
+        tip_if_right=least, links=_link_errors(model, truth.q, P),
+        t=t - t[0], tip_error=tips, shape_error=shapes,
         forgotten=None if last >= steps else float(t[last] - t[0]),
     )  # fmt: skip
 

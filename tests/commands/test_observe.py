@@ -11,6 +11,7 @@ import softdyn
 from softdyn import SetPoint, statics
 from softdyn.description.urdf_writer import write
 from softdyn.estimation import Ekf, observe, observe_run
+from softdyn.sensing import Sensors
 from softdyn.validation import Rig, simulate
 from tests.support.command import command
 from tests.support.sensed import sensed, sensors
@@ -30,6 +31,25 @@ def test_more_sensors_see_more():
     assert np.all(both.deviations < both.blind)
     assert both.links[model.robot.task] == pytest.approx(both.tip, rel=1e-4)
     assert both.links[model.robot.root] == 0
+
+
+def test_a_filter_of_a_right_model_has_the_expected_error():
+    """At rest, with the noise of the readings and the default, adaptive process noise."""
+    model, rng = softdyn.load("finger"), np.random.default_rng(5)
+    rest, given = statics.settle(model, np.array([0.3, 0.1])), sensors(model)
+    expected = observe(rest, given, period=0.005)
+    truth = model.state(rest.q, np.zeros(model.nv))
+    ideal = Sensors(model, given).measure(truth, rest.u).values
+    noise = np.array([5e-4, 5e-4, 1e-3, 1e-3, 1e-3])
+    observer = Ekf(model, given, start=(rest.q, np.zeros(model.nv)))
+    observer.reset(u=rest.u)
+    missed = []
+    for k in range(600):
+        found = observer.step(0.005 * k, ideal + noise * rng.normal(size=5), rest.u)
+        missed.append(model.state(found.q, found.v).y - truth.y)
+    error = np.sqrt(np.mean(np.sum(np.square(missed[200:]), axis=1)))
+    assert 0.5 < error / expected.tip_if_right < 2
+    assert expected.tip_if_right < 0.2 * expected.tip
 
 
 def test_table_and_picture(tmp_path):

@@ -306,6 +306,15 @@ class Log:
         return {name: float(np.percentile(self.step_us, p)) for name, p in STEP_TIMES.items()}
 
     @property
+    def jitter_us(self) -> dict[str, float | None]:
+        """Median, 99 %, 99.9 % and maximum (µs) of the lateness of a period on a real rig."""
+        if self.clock is None or not np.isfinite(self.clock).any():
+            return dict.fromkeys(STEP_TIMES)
+        late = 1e6 * (self.clock - self.clock[0] - self.t)
+        late = late[np.isfinite(late)]
+        return {name: float(np.percentile(late, p)) for name, p in STEP_TIMES.items()}
+
+    @property
     def moving(self) -> bool:
         """Whether the reference, or the target of a task of a link's frame, is a trajectory."""
         parts = [self.y_ref] if self.targets is None else [self.y_ref, self.targets]
