@@ -173,8 +173,9 @@ class Log:
     start: str = ""
 
     def __post_init__(self) -> None:
+        taken = {field.name for field in fields(self)}
         for name, channel in self.channels.items():
-            if getattr(Log, name, None) is not None:
+            if name in taken or getattr(Log, name, None) is not None:
                 raise InputError("channels", "a name that is no attribute of a log", name)
             object.__setattr__(self, name, channel.values)
         freeze((self.u_min, self.u_max, *(channel.values for channel in self.channels.values())))
@@ -436,14 +437,24 @@ class Log:
         return cls._of(*log_files.load_npz(path))
 
     @classmethod
-    def from_csv(cls, path: str | Path) -> Log:
-        """Read a log exactly as `to_csv` wrote it.
+    def from_csv(cls, path: str | Path, model: SoftModel | None = None) -> Log:
+        """Read a log exactly as `to_csv` wrote it, or what a rig recorded.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+        model : SoftModel, optional
+            The robot of a recording, which is a file without a log's settings; see
+            `log_files.load_recording`.
 
         Raises
         ------
         InputError
             The file cannot be read, or is not a complete, consistent log of this version.
         """
+        if model is not None and not log_files.is_log(path):
+            return cls._of(*log_files.load_recording(path, model))
         return cls._of(*log_files.load_csv(path))
 
     def _about(self) -> dict[str, Any]:
