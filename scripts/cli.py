@@ -209,7 +209,7 @@ def lacks(robot: Robot) -> dict[str, str]:
     """Options that this robot has no use for, and the reasons."""
     from softdyn.dynamics.text import rig_lines
 
-    rubbing = any(tendon.friction for tendon in robot.tendons)
+    rubbing = any(tendon.rubs for tendon in robot.tendons)
     solid = [link for link in robot.links if any("<collision" in look for look in link.looks)]
     found = (
         (robot.mended, "repair_inertia", "no link has an impossible inertia"),

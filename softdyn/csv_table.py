@@ -89,6 +89,11 @@ class CsvTable:
         ]
         return np.array(found, float).reshape(len(found), len(names))
 
+    def cells(self, title: str) -> list[str]:
+        """The cells of the first column of this title, as they are written."""
+        k = self.titles.index(title)
+        return [row[k] for _, row in self._rows]
+
     def _number(self, line: int, name: str, text: str, gap: bool) -> float:
         if gap and not text.strip():
             return np.nan

@@ -1,21 +1,27 @@
-"""A quantity that a run records: its name, its columns with their units, and its rows."""
+"""A quantity that a run records: its name, its columns with their units, and its values."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from softdyn import SoftModel
 from softdyn.description.robot import input_units
+from softdyn.description.stated_task import ROWS
+from softdyn.description.task_mark import TaskMark
 
 BASE = ("x", "y", "z", "qx", "qy", "qz", "qw")  # of a floating base, before the joints
 ANGLES = {"prismatic": "m", "revolute": "rad", "continuous": "rad"}
 RATES = {"rad": "rad/s", "m": "m/s", "": ""}
+AXES = tuple((axis, "m") for axis in "xyz")
+UNIT_OF = dict(zip(ROWS, ("m", "m", "m", "rad", "rad", "rad"), strict=True)) | dict.fromkeys(
+    ("dx", "dy", "dz"), ""
+)  # of a target's numbers
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LogChannel:
     """A quantity of a run.
 
@@ -25,13 +31,15 @@ class LogChannel:
         Its attribute of a log.
     columns, units : tuple of str or None, tuple of str
         Name and unit of each of its columns; None for one number per row, maybe with a unit.
-    text : bool
-        Whether it is text instead of numbers.
     held : bool
         Whether a value is held from one sample to the next, as an input is. A run of N control
         steps has N such values, and N + 1 of any other channel.
     title : str
-        First part of its columns' names in CSV, e.g. ``tip``; empty if CSV leaves it out.
+        First part of its columns' names in CSV, e.g. ``tip``.
+    text : bool
+        Whether it is text instead of numbers.
+    values : np.ndarray, (N,) or (N + 1,), or with a second axis of the columns
+        Its values; none before the run.
     """
 
     name: str
@@ -40,16 +48,23 @@ class LogChannel:
     held: bool = False
     title: str = ""
     text: bool = False
+    values: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def of(
         cls, name: str, columns: Iterable[tuple[str, str]], title: str = "", held: bool = False
     ) -> LogChannel:
-        """A channel from the (name, unit) of its columns; `name` is its title by default."""
+        """A channel from the (name, unit) of its columns."""
         pairs = list(columns)
-        return cls(
-            name, tuple(n for n, _ in pairs), tuple(u for _, u in pairs), held, title or name
-        )
+        return cls(name, tuple(n for n, _ in pairs), tuple(u for _, u in pairs), held, title)
+
+    @property
+    def titles(self) -> tuple[str, ...]:
+        """The names of its columns in CSV, with units, e.g. ``tip.x (m)``."""
+        title = self.title or self.name
+        names = [title] if self.columns is None else [f"{title}.{name}" for name in self.columns]
+        units = self.units or ("",) * len(names)
+        return tuple(f"{n} ({u})" if u else n for n, u in zip(names, units, strict=True))
 
     def empty(self, samples: int) -> np.ndarray:
         """An array for a number of samples, without a value yet: NaN, or no text."""
@@ -57,6 +72,10 @@ class LogChannel:
         if self.text:
             return np.full(rows, "", dtype=object)
         return np.full(rows if self.columns is None else (rows, len(self.columns)), np.nan)
+
+    def filled(self, values: np.ndarray) -> LogChannel:
+        """The same channel with these values."""
+        return replace(self, values=values)
 
 
 def coordinates(model: SoftModel) -> list[tuple[str, str]]:
@@ -87,3 +106,21 @@ def inputs(model: SoftModel) -> list[tuple[str, str]]:
     """(name, unit) of every input, as a force."""
     names = [actuator.name for actuator in model.robot.actuators]
     return list(zip(names, input_units(model.robot), strict=True))
+
+
+def goals(marks: Iterable[TaskMark]) -> list[tuple[str, str]]:
+    """(name, unit) of every number of the targets of tasks."""
+    return [(name, UNIT_OF[name.rpartition(".")[2]]) for mark in marks for name in mark.columns]
+
+
+def every_run(model: SoftModel) -> tuple[LogChannel, ...]:
+    """The channels of every run of a robot."""
+    return (
+        LogChannel("t", units=("s",)),
+        LogChannel.of("u", inputs(model), held=True),
+        LogChannel.of("q", positions(model)), LogChannel.of("v", rates(model)),
+        LogChannel.of("y", AXES, "tip"), LogChannel.of("y_ref", AXES, "target"),
+        LogChannel.of("error", AXES),
+        LogChannel("V", held=True), LogChannel("delta", held=True),
+        LogChannel("status", text=True, held=True), LogChannel("step_us", units=("us",), held=True),
+    )  # fmt: skip

@@ -16,7 +16,10 @@ a tendon is f = -T₀; motors, spring and damper pull at the driven end. The joi
 
 and the power lost is Σ (T_(i-1) - T_i) v_i ≥ 0.
 
-A path over sites turns at its inner sites, by the angle between its straight pieces. A fixed tendon
+A path over sites turns at its inner sites, by the angle between its straight pieces, and at the
+round bodies that it touches: see `softdyn.dynamics.wraps`. The piece of cable between a body and a
+site pulls the site against the body along the cable's end there, so that its part of ∂ℓ/∂q is that
+of the site in `softdyn.dynamics.wrapped_paths`. A fixed tendon
 turns at each revolute joint j by φ = |q_j|. A half of its length coef · q_j is before this guide
 and a half behind it, which is the trapezoidal rule for a cable in a channel. Prismatic joints turn
 no cable.
@@ -27,9 +30,10 @@ chooses the directions d, for example those of the last motion.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,6 +44,7 @@ from softdyn.description.robot import (
     Robot,
     Site,
     Tendon,
+    Wrap,
     from_driven_end,
 )
 from softdyn.dynamics.derivatives import Derivatives, tendon_curvature, tendon_forces
@@ -47,6 +52,7 @@ from softdyn.dynamics.engine import moved_bodies
 from softdyn.dynamics.model import SoftModel, State, check_model, check_state, taut_gains
 from softdyn.dynamics.projection import Projection, project, underlying_tree
 from softdyn.dynamics.tendons import compile_tendons
+from softdyn.dynamics.wrapped_paths import PlacedPiece
 
 STRAIGHT = 1e-9  # a wrap angle (rad) below which its gradient has no direction
 
@@ -59,8 +65,8 @@ class Capstan:
     model : SoftModel
         The robot's model.
     friction : float or array_like, (tendons,), optional
-        Coefficients μ that replace those of the file. One number is that of every cable that an
-        input pulls.
+        Coefficients μ that replace those of the file, but not those of its round bodies. One number
+        is that of every cable that an input pulls.
 
     Attributes
     ----------
@@ -69,7 +75,7 @@ class Capstan:
     friction : ndarray, (guides,)
         The coefficient μ at each guide.
     tendon : ndarray of int, (guides,)
-        The tendon of each guide. A tendon with μ = 0 has no guides here.
+        The tendon of each guide. A tendon with μ = 0 everywhere has no guides here.
 
     Raises
     ------
@@ -91,26 +97,29 @@ class Capstan:
         dof = {name: k for k, name in enumerate(tree.joint_names)}
         self._moves = moved_bodies(tree.pin_model)
         found = [
-            (t, *guide)
+            (t, guide)
             for t, tendon in enumerate(robot.tendons)
-            if mu[t] > 0
-            for guide in _guides(robot, tendon)
+            if mu[t] > 0 or any(wrap.friction for wrap in tendon.wraps)
+            for guide in _guides(robot, tendon, float(mu[t]))
         ]
-        self.tendon = np.array([t for t, _, _ in found], int)
-        self.friction = read_only(mu[self.tendon])
-        pieces = tuple(piece for _, _, piece in found)
+        self.tendon = np.array([t for t, _ in found], int)
+        self.friction = read_only([guide.friction for _, guide in found])
+        pieces = tuple(guide.piece for _, guide in found)
         self._pieces = compile_tendons(pieces, dof, tree.anchor, self._moves)
-        at_joint = np.array([isinstance(guide, str) for _, guide, _ in found], bool)
-        self._at_joints, self._at_sites = np.flatnonzero(at_joint), np.flatnonzero(~at_joint)
-        self._dof = np.array([dof[guide] for _, guide, _ in found if isinstance(guide, str)], int)
+        places = [guide.place for _, guide in found]
+        at_joint = np.array([isinstance(place, str) for place in places], bool)
+        at_site = np.array([isinstance(place, tuple) for place in places], bool)
+        self._at_joints, self._at_sites = np.flatnonzero(at_joint), np.flatnonzero(at_site)
+        self._dof = np.array([dof[place] for place in places if isinstance(place, str)], int)
         anchors = [
             tree.anchor(site.link, np.array(site.xyz))
-            for _, guide, _ in found
-            if not isinstance(guide, str)
-            for site in guide
+            for place in places
+            if isinstance(place, tuple)
+            for site in place
         ]
         self._bodies = np.array([body for body, _ in anchors], int)
         self._offsets = np.array([xyz for _, xyz in anchors], float).reshape(-1, 3, 1)
+        self._around = _Around.of(found, tree.tendons.wraps.pieces)
         self._downstream = np.triu(self.tendon[:, None] == self.tendon).astype(float)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -129,8 +138,15 @@ class Capstan:
         _, arms = self._pieces.geometry(coordinates, *kinematics)
         angles = np.zeros(len(self.tendon))
         angles[self._at_joints] = np.abs(coordinates[self._dof])
+        placed = self._placed(kinematics)
+        if self._around:
+            arms = arms.copy()
+            for g, k, end in self._around.halves:
+                arms[g, placed[k].piece.dofs[end]] += placed[k].moment_arms(kinematics[0], end)
+            for g, k in self._around.turns:
+                angles[g] = placed[k].course.turn
         if len(self._at_sites):
-            before, behind, _ = self._directions(*kinematics[1:])
+            before, behind, _ = self._directions(placed, *kinematics[1:])
             apart, along = (np.linalg.norm(x, axis=1) for x in (before - behind, before + behind))
             angles[self._at_sites] = 2 * np.arctan2(apart, along)  # exact at any angle (Kahan)
         return Guides(self, state, angles, arms if self._S is None else arms @ self._S)
@@ -187,15 +203,28 @@ class Capstan:
         tree, _ = underlying_tree(model)
         return tree.coordinates(model.expand(state.q) if isinstance(model, Projection) else state.q)
 
+    def _placed(
+        self, kinematics: tuple[np.ndarray, np.ndarray, np.ndarray], *, bends: bool = False
+    ) -> list[PlacedPiece]:
+        """The pieces of all cables around round bodies, if any of them rubs."""
+        tree, _ = underlying_tree(self.model)
+        return list(tree.tendons.wraps.at(*kinematics[1:], bends=bends)) if self._around else []
+
     def _directions(
-        self, rotations: np.ndarray, translations: np.ndarray
+        self, placed: list[PlacedPiece], rotations: np.ndarray, translations: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Unit vectors before and behind each guide at a site, and the points (guides, 3, 3)."""
         points = np.matmul(rotations[self._bodies], self._offsets)[:, :, 0]
         points = (points + translations[self._bodies]).reshape(-1, 3, 3)
         before, behind = points[:, 1] - points[:, 0], points[:, 2] - points[:, 1]
         before /= np.linalg.norm(before, axis=1)[:, None]
-        return before, behind / np.linalg.norm(behind, axis=1)[:, None], points
+        behind /= np.linalg.norm(behind, axis=1)[:, None]
+        for row, first, k, end in self._around.beside:
+            if first:
+                before[row] = placed[k].directions[end]
+            else:
+                behind[row] = -placed[k].directions[end]
+        return before, behind, points
 
     def _angle_gradients(self, state: State) -> np.ndarray:
         """∂φ/∂q (guides, n).
@@ -203,30 +232,41 @@ class Capstan:
         With the unit vectors a, b before and behind a guide and c = a · b = cos φ,
         ∂φ = -((b - c a) · ∂a + (a - c b) · ∂b) / sin φ.
         """
-        S, rotations, translations = self._kinematics(state)
+        S, rotations, translations = kinematics = self._kinematics(state)
         found = np.zeros((len(self.tendon), len(S)))
         found[self._at_joints, self._dof] = np.sign(self._coordinates(state)[self._dof])
+        placed = self._placed(kinematics, bends=True)
+        for g, k in self._around.turns:
+            found[g] = placed[k].turn_gradient(S)
         if len(self._at_sites):
-            before, behind, points = self._directions(rotations, translations)
+            before, behind, points = self._directions(placed, rotations, translations)
             # columns of each point, (points, n, 3)
             moved = S[:, :3] + np.cross(S[:, 3:], points.reshape(-1, 1, 3))
             moved = (moved * self._moves.T[self._bodies, :, None]).reshape(len(points), 3, -1, 3)
             cosine = np.einsum("gi,gi->g", before, behind)[:, None]
             sine = np.linalg.norm(np.cross(before, behind), axis=1)[:, None]
             factor = np.where(sine > STRAIGHT, -1.0 / np.maximum(sine, STRAIGHT), 0.0)
+            around = {(row, first): (k, end) for row, first, k, end in self._around.beside}
             for k, (one, other) in enumerate(((before, behind), (behind, before))):
-                length = np.linalg.norm(points[:, k + 1] - points[:, k], axis=1)[:, None]
-                across = factor * (other - cosine * one) / length
-                change = moved[:, k + 1] - moved[:, k]
+                length = np.linalg.norm(points[:, k + 1] - points[:, k], axis=1)
+                across = factor * (other - cosine * one)
+                change = (moved[:, k + 1] - moved[:, k]) / length[:, None, None]
+                for (row, first), (piece, end) in around.items():
+                    if first == (k == 0):
+                        turned = placed[piece].direction_rates(S, end, self._moves)
+                        change[row] = turned if first else -turned
                 found[self._at_sites] += np.einsum("gi,gni->gn", across, change)
         return found if self._S is None else found @ self._S
 
     def _bend(self, state: State, force: np.ndarray) -> np.ndarray:
         """Σ force ∂²ℓ/∂q² (n, n) of the pieces behind the guides."""
-        if not self._pieces.spatial:
+        if not self._pieces.spatial and not self._around:
             return np.zeros((self.model.nv, self.model.nv))
-        rest = np.zeros(len(self._moves))
-        total, _ = self._pieces.curvature(*self._kinematics(state), force, rest)
+        kinematics, rest = self._kinematics(state), np.zeros(len(self._moves))
+        total, _ = self._pieces.curvature(*kinematics, force, rest)
+        placed = self._placed(kinematics, bends=True)
+        for g, k, end in self._around.halves:
+            total += force[g] * placed[k].arm_rates(kinematics[0], end)
         return project(self._S, total)
 
 
@@ -334,15 +374,75 @@ class Guides:
         return array("direction", direction, (len(self.angles),))
 
 
-def _guides(robot: Robot, tendon: Tendon) -> list[tuple[str | tuple[Site, ...], Tendon]]:
-    """A tendon's guides: a joint, or three sites around one, each with the piece behind it."""
+class _Guide(NamedTuple):
+    """A guide of a tendon.
+
+    Attributes
+    ----------
+    place : str or tuple of Site or Wrap
+        A joint, or three sites around one, or a round body.
+    friction : float
+        Its coefficient μ.
+    piece : Tendon
+        The piece of cable behind it; empty if that lies beside a round body.
+    half : tuple of (Wrap, int) or None
+        Then this body, and which of the two sites beside it, 0 or 1, the piece leads to.
+    before, behind : tuple of (Wrap, int) or None
+        Likewise the bodies before and behind the site.
+    """
+
+    place: str | tuple[Site, ...] | Wrap
+    friction: float
+    piece: Tendon
+    half: tuple[Wrap, int] | None = None
+    before: tuple[Wrap, int] | None = None
+    behind: tuple[Wrap, int] | None = None
+
+
+class _Around(NamedTuple):
+    """Numbers of the guides at and beside round bodies; false if there are none.
+
+    Attributes
+    ----------
+    turns : tuple of (int, int)
+        Guides at a body, and the cables' pieces around it.
+    halves : tuple of (int, int, int)
+        Guides whose piece behind lies beside a body, that piece, and the site, 0 or 1.
+    beside : tuple of (int, bool, int, int)
+        Rows of guides at sites, whether the body is before the site, that piece, and the site.
+    """
+
+    turns: tuple[tuple[int, int], ...]
+    halves: tuple[tuple[int, int, int], ...]
+    beside: tuple[tuple[int, bool, int, int], ...]
+
+    def __bool__(self) -> bool:
+        return bool(self.turns)
+
+    @classmethod
+    def of(cls, found: list[tuple[int, _Guide]], pieces: tuple[Any, ...]) -> _Around:
+        number = {(piece.tendon, piece.after): k for k, piece in enumerate(pieces)}
+        turns, halves, beside, row = [], [], [], 0
+        for g, (t, guide) in enumerate(found):
+            if isinstance(guide.place, Wrap):
+                turns.append((g, number[t, guide.place.after]))
+            if guide.half is not None:
+                wrap, end = guide.half
+                halves.append((g, number[t, wrap.after], end))
+            if isinstance(guide.place, tuple):
+                for first, there in ((True, guide.before), (False, guide.behind)):
+                    if there is not None:
+                        beside.append((row, first, number[t, there[0].after], there[1]))
+                row += 1
+        return cls(tuple(turns), tuple(halves), tuple(beside))
+
+
+def _guides(robot: Robot, tendon: Tendon, friction: float) -> Iterator[_Guide]:
+    """A tendon's guides with the piece behind each, from the driven end."""
     path = from_driven_end(robot, tendon)
-    sites = [part for part in path if isinstance(part, Site)]
-    if sites:
-        return [
-            (three, Tendon(tendon.name, sites=three[1:]))
-            for three in zip(sites, sites[1:], sites[2:], strict=False)
-        ]
+    if tendon.sites:
+        yield from _guides_of_path(path, path[0] == tendon.sites[0], tendon, friction)
+        return
     kinds = {joint.name: joint.kind for joint in robot.joints}
     found: list[tuple[str, list[JointTerm]]] = []
     behind: list[JointTerm] = []  # the piece behind the last guide; there is none yet
@@ -355,4 +455,27 @@ def _guides(robot: Robot, tendon: Tendon) -> list[tuple[str | tuple[Site, ...], 
             found.append((term.joint, behind))
         else:
             behind.append(term)
-    return [(joint, Tendon(tendon.name, terms=tuple(terms))) for joint, terms in found]
+    for joint, terms in found:
+        yield _Guide(joint, friction, Tendon(tendon.name, terms=tuple(terms)))
+
+
+def _guides_of_path(
+    path: tuple[JointTerm | Site | Wrap, ...], forward: bool, tendon: Tendon, friction: float
+) -> Iterator[_Guide]:
+    """The inner sites and the round bodies of a path."""
+    far, near = (1, 0) if forward else (0, 1)
+    sites = [part for part in path if isinstance(part, Site)]
+    k, empty = 0, Tendon(tendon.name)
+    for before, here, behind in zip(path, path[1:], path[2:], strict=False):
+        if isinstance(here, Wrap):
+            own = friction if here.friction is None else here.friction
+            yield _Guide(here, own, empty, half=(here, far))
+            continue
+        k += 1
+        three, next_to = tuple(sites[k - 1 : k + 2]), isinstance(behind, Wrap)
+        yield _Guide(
+            three, friction, empty if next_to else Tendon(tendon.name, sites=three[1:]),
+            half=(behind, near) if isinstance(behind, Wrap) else None,
+            before=(before, far) if isinstance(before, Wrap) else None,
+            behind=(behind, near) if isinstance(behind, Wrap) else None,
+        )  # fmt: skip

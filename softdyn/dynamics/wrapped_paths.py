@@ -138,10 +138,31 @@ class PlacedPiece:
         assert bend is not None
         found: np.ndarray = columns.T @ bend.hessian @ columns
         for end in (0, 1):
-            dofs = self.piece.dofs[end]
-            own = columns[3 * end : 3 * end + 3, dofs]
-            found[dofs[:, None], dofs] += self.carried(S, end, own)
+            rows, dofs = slice(3 * end, 3 * end + 3), self.piece.dofs[end]
+            found[dofs[:, None], dofs] += self.carried(S, end, columns[rows, dofs])
         return found
+
+    def arm_rates(self, S: np.ndarray, end: int) -> np.ndarray:
+        """The gradient (nv, nv) of one site's part of ∂ℓ/∂q; of both it is the `hessian`."""
+        bend, columns = self.course.bend, self.jacobian(S)
+        assert bend is not None
+        rows, dofs = slice(3 * end, 3 * end + 3), self.piece.dofs[end]
+        found: np.ndarray = columns[rows].T @ bend.hessian[rows] @ columns
+        found[dofs[:, None], dofs] += self.carried(S, end, columns[rows, dofs])
+        return found
+
+    def turn_gradient(self, S: np.ndarray) -> np.ndarray:
+        """∂φ/∂q (nv,) of the turn at the body."""
+        assert self.course.bend is not None
+        return self.course.bend.turn @ self.jacobian(S)
+
+    def direction_rates(self, S: np.ndarray, end: int, moves: np.ndarray) -> np.ndarray:
+        """∂/∂q (nv, 3) of one of the `directions`; `moves` as for `compile_wraps`."""
+        assert self.course.bend is not None
+        rows = slice(3 * end, 3 * end + 3)
+        own = (self.course.bend.hessian[rows] @ self.jacobian(S)).T @ self.axes.T
+        turned = S[:, 3:] @ _times(self.directions[end])
+        return own + moves[:, self.piece.carrier, None] * turned
 
 
 @dataclass(frozen=True, eq=False)

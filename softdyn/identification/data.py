@@ -19,19 +19,8 @@ from softdyn.sensing.sensors import SUFFIXES
 
 FAR = 5.0  # times its bound; an input this large is probably in another unit
 SLOW = 0.5  # s between samples; with longer steps the times are probably milliseconds
-BESIDE = (
-    "v.",
-    "target.",
-    "command.",
-    "acting.",
-    "q_seen.",
-    "v_seen.",
-    "task.",
-    "goal.",
-    "reserve.",
-    "estimated.",
-    "deviation.",
-)
+BESIDE = ("v.", "target.", "command.", "acting.")  # other columns of a rig's recording
+LOG = "log"  # a column of a log's CSV; all of its columns that are no measurements are left out
 GAPS = ("tip.", "length.", "point.", "pose.", READ)  # columns whose cells may be empty
 AXES = ("x", "y", "z")
 SHORTEST = 20  # least samples of a stretch; each stretch has its own unknown first state
@@ -273,11 +262,11 @@ def read_csv(
     acting = tuple(name.replace("u.", "acting.", 1) for name in inputs)
     acting = acting if set(acting) <= set(file.names) else ()
     chosen = tuple(instances("outputs", outputs, str, "the beginning of an output's name"))
-    # other columns of a log are no measurements
+    optional = "" if LOG in file.names else READ  # these may be unknown
     header = [
         name for name in file.names
         if name in acting or not (
-            name.startswith(BESIDE) or (name.startswith(READ) and name not in known)
+            name.startswith(BESIDE) or (name.startswith(optional) and name not in known)
             or (chosen and name in output_names(model) and not name.startswith(chosen))
         )
     ]  # fmt: skip

@@ -54,7 +54,7 @@ def rests(
     """
     n, count = model.nv, len(unknowns)
     path, by = np.empty((len(inputs.u), n)), np.zeros((len(inputs.u), n, count))
-    rubs = any(tendon.friction for tendon in model.robot.tendons)
+    rubs = any(tendon.rubs for tendon in model.robot.tendons)
     rubs |= bool(inputs.loss.any()) or any(one.kind.measures == "input." for one in unknowns)
     capstan, ways = Capstan(model), _directions(model, inputs) if rubs else None
     start = None

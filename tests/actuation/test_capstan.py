@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,9 +12,11 @@ import pytest
 import softdyn
 from softdyn import InputError, Robot, SoftModel
 from softdyn.actuation import Capstan
-from softdyn.description.robot import JointTerm, PathEnd, Site, Tendon
+from softdyn.description.robot import JointTerm, PathEnd, Site, Tendon, Wrap
 from softdyn.description.urdf import parse_text
+from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support.misuses import ARM
+from tests.support.oracles import gradient, relative
 from tests.support.rubbing import chain, pulled
 
 
@@ -86,6 +89,51 @@ def test_an_arm_with_a_rubbing_cable_follows_its_differential_equation() -> None
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     np.testing.assert_allclose(orders, 2.0, atol=0.05)
     assert errors[-1] < 1e-4 * length * 2
+
+
+@pytest.mark.parametrize("driven", list(PathEnd))
+@pytest.mark.parametrize("own", [None, 0.7, 0.0])
+def test_a_rope_over_a_pin_has_euler_s_tension(own: float | None, driven: PathEnd) -> None:
+    """Down on both sides of a pin, half a turn; a pulley on a bearing loses nothing."""
+    mu, pull = 0.3, 5.0
+    pin = Wrap("l0", (0.0, 0.0, 0.0), 0.02, 0, (0, 0, 1), (0, 0.05, 0), own)
+    sites = (Site("l0", (-0.02, -0.3, 0.1)), Site("l1", (-0.08, -0.2, 0.1)))
+    cable = Tendon("rope", sites=sites, friction=mu, driven=driven, wraps=(pin,))
+    model = pulled_model(planar(1), cable)
+    guides = Capstan(model).at(model.state([0.0], [0.0]))
+    acts = mu if own is None else own
+    assert guides.angles == pytest.approx([math.pi], abs=1e-12)
+    assert guides.capstan.friction == pytest.approx([acts])
+    for direction in (1.0, -1.0):
+        (tension,) = guides.tensions([-pull], np.array([direction]))
+        assert tension == pytest.approx(pull * math.exp(-direction * acts * math.pi), rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 5])
+@pytest.mark.parametrize("driven", list(PathEnd))
+def test_cables_around_round_bodies_that_rub(seed: int, driven: PathEnd) -> None:
+    """The guides' pieces are the cable; derivatives by differences; the power that is lost."""
+    robot = wrapped_robot(seed, 2)
+    tendons = tuple(
+        replace(t, friction=0.2, driven=driven) if t.wraps else t for t in robot.tendons
+    )
+    model = softdyn.build(replace(robot, tendons=tendons))
+    capstan, rng = Capstan(model), np.random.default_rng(seed)
+    q, v, u = random(model, rng)
+    state, guides = model.state(q, v), capstan.at(model.state(q, v))
+    direction = rng.uniform(-1, 1, len(capstan.tendon))
+    found = capstan.derivatives(state, u, direction)
+
+    def forces(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return capstan.at(model.state(q, v)).forces(u, direction)
+
+    by_q = gradient(model, lambda q: forces(q, v), q, 2e-4)
+    assert relative(found.q, by_q, 1e-3) < 1e-7
+    angles = gradient(model, lambda q: capstan.at(model.state(q, v)).angles, q, 2e-4)
+    assert relative(capstan._angle_gradients(state), angles, 1.0) < 1e-7
+    lost = -guides.forces(u) @ v
+    assert lost == pytest.approx(guides.dissipation(u).sum(), rel=1e-9, abs=1e-12)
+    assert (guides.dissipation(u) >= 0).all()
 
 
 @pytest.mark.parametrize("name", ["finger", "spirob"])

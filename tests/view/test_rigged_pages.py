@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +33,7 @@ def test_a_replay_has_the_acting_inputs(arm: SoftModel, log: Log) -> None:
     assert "as they act" in rows.note
     acting = log.acting.copy()
     acting[-1] = np.nan  # of a run that ended in its control step
-    assert np.isfinite(track(replace(log, acting=acting), arm).frames).all()
+    assert np.isfinite(track(log.altered(acting=acting), arm).frames).all()
 
 
 def test_an_ideal_robot_s_cables_are_never_drawn_slack() -> None:

@@ -16,7 +16,7 @@ from softdyn.exceptions import one_line
 from softdyn.validation.bench.clock import MONOTONIC, TimeSource
 from softdyn.validation.bench.driver import Driver, NewestReadings
 from softdyn.validation.bench.fail_safe import Cause, FailSafe, Stop
-from softdyn.validation.channels import Channel, inputs, positions, rates
+from softdyn.validation.channels import LogChannel, inputs, positions, rates
 from softdyn.validation.twin.readings import command_units, component_names, component_units
 
 FIRST_READINGS = 3.0  # s for every sensor's first reading after `start`
@@ -96,14 +96,14 @@ class RealRig:
         self.settings: Mapping[str, Any] = {"contacts": True, "plant": type(driver).__name__}
         motors = [actuator.name for actuator in robot.actuators]
         self.channels = (
-            Channel.of("command", zip(motors, command_units(robot), strict=True), held=True),
-            Channel.of("acting", inputs(model)),
-            Channel.of("measured", zip(names, component_units(robot), strict=True)),
-            Channel.of("q_seen", positions(model), held=True),
-            Channel.of("v_seen", rates(model), held=True),
-            Channel("clock", units=("s",)),
-            Channel.of("stamps", [(name, "s") for name in names], "stamp"),
-            Channel("missed"),
+            LogChannel.of("command", zip(motors, command_units(robot), strict=True), held=True),
+            LogChannel.of("acting", inputs(model)),
+            LogChannel.of("measured", zip(names, component_units(robot), strict=True)),
+            LogChannel.of("q_seen", positions(model), held=True),
+            LogChannel.of("v_seen", rates(model), held=True),
+            LogChannel("clock", units=("s",)),
+            LogChannel.of("stamps", [(name, "s") for name in names], "stamp"),
+            LogChannel("missed"),
         )
         self.start(model.q0, np.zeros(model.nv))
 

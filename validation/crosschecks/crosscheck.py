@@ -42,7 +42,9 @@ TOLERANCE_SPATIAL = 1e-9  # wider, because moment arms come from directions betw
 TOLERANCE_TRAJECTORY = 1e-11
 # Where a cable bends inside a body, MuJoCo finds the angle of the bend to 1e-6 rad only. Forces
 # depend on it; accelerations and motions gather its effect.
-TOLERANCE_INSIDE = {"B": 1e-6, "K": 1e-6, "D": 1e-6, "qdd": 1e-5, "trajectory": 1e-5}
+TOLERANCE_INSIDE = {"B": 1e-6, "K": 1e-6, "D": 1e-6, "qdd": 1e-5, "trajectory": 1e-5} | (
+    dict.fromkeys(RIG_SCALES, 1e-5)
+)
 SCALES = {
     "tip": "length of the robot",
     "J": "length of the robot per rad",
@@ -170,7 +172,7 @@ def crosscheck(
                 errors = [run.max_error for run in runs]
                 errors += [rung.engine_error for ladder in ladders for rung in ladder.rungs]
                 tally.errors["trajectory"] = float(np.max(errors))
-    tolerances = _tolerances(model) | RIG_TOLERANCES
+    tolerances = RIG_TOLERANCES | _tolerances(model)
     names = QUANTITIES if trajectories else QUANTITIES[:-1]
     if isinstance(twin, Twin):
         rig = [name for name in quantities_of(model) if trajectories or name != "rigged"]

@@ -54,7 +54,7 @@ def quantities_of(model: SoftModel) -> tuple[str, ...]:
     apart = trajectories.damping_couples_branches(
         model, model.q0, np.zeros(model.nv), _winch_damping(robot)
     )
-    rubs = any(tendon.friction for tendon in robot.tendons)
+    rubs = any(tendon.rubs for tendon in robot.tendons)
     pulled = bool(_pulled(robot))
     there = winds, pulled, pulled, rubs, bool(robot.sensors), moved and not apart
     return tuple(name for name, has in zip(RIG_SCALES, there, strict=True) if has)
@@ -154,7 +154,7 @@ class RigStates:
         qdd = model.forward_dynamics(q, v, u)
         if _pulled(model.robot):
             yield "rigged qdd", qdd, judge.accelerations(), 1.0
-        if any(tendon.friction for tendon in model.robot.tendons):
+        if any(tendon.rubs for tendon in model.robot.tendons):
             guides = self.capstan.at(state)
             tensions, numbers, forces = judge.rubbing()
             pull = float(np.abs(guides.pull(u)).max(initial=0.0))

@@ -7,7 +7,6 @@ they are the model's, q̈ = M⁻¹(B u - h); in the Soft ID-CLF-QP they are not.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from softdyn.controllers.controller import SILENT
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.clf import make_clf
 from softdyn.controllers.qps.stacked_error import StackedError
+from softdyn.validation.channels import LogChannel
 from softdyn.validation.loop.log import Log
 
 
@@ -111,4 +111,5 @@ def certified(
     for k in range(log.steps):
         state = model.state(seen[0][k], seen[1][k])
         found[:, k] = rate(state, reference(float(log.t[k])), log.u[k], float(log.V[k]))
-    return replace(log, Vdot=found[0].copy(), delta_true=found[1].copy())
+    names = zip(("Vdot", "delta_true"), found, strict=True)
+    return log.altered(*(LogChannel(n, held=True, values=x.copy()) for n, x in names))

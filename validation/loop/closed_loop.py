@@ -310,20 +310,12 @@ class ClosedLoop(Separate):
         (not_solved, fallbacks, violation), fault = self._counts.told()
         reason = self.reason or fault
         steps = self.steps if self.done else max(self._record.samples - 1, 0)
-        recorded: dict[str, Any] = {**self._record.arrays(steps), **self.plant.settings}
-        recorded |= {"u_min": model.u_min, "u_max": model.u_max}
-        channels = self._record.channels
-        for name, prefix in (("measured", "sensor"), ("disturbances", "disturbance")):
-            if name in channels:
-                recorded[f"{prefix}_names"] = channels[name].columns
-                recorded[f"{prefix}_units"] = channels[name].units
-        if "command" in channels:
-            recorded["command_units"] = channels["command"].units
-        recorded |= self._record.task_errors(steps, controller, self.reference)
-        if self.surroundings is not None:
-            recorded["obstacles"] = self.surroundings.table
+        more, marks = self._record.of_tasks(steps, controller, self.reference)
+        channels = [*self._record.filled(steps), *more]
         return Log(
-            **recorded,
+            {channel.name: channel for channel in channels},
+            u_min=model.u_min,
+            u_max=model.u_max,
             u_unit=input_unit(model.robot),
             robot=model.bundled or model.name,
             controller=self.name,
@@ -334,7 +326,6 @@ class ClosedLoop(Separate):
             period=self.grid.period,
             timestep=self.grid.timestep,
             length=self._length if self._length > 0 else None,
-            joint_names=model.joint_names,
             complete=self._complete,
             failed=reason is not None,
             reason=reason,
@@ -346,7 +337,10 @@ class ClosedLoop(Separate):
             ),
             versions=dict(package_versions()),
             source=LoggedRobot.of(model),
+            marks=marks,
+            obstacles=None if self.surroundings is None else self.surroundings.table,
             start=self.start,
+            **self.plant.settings,
         )
 
     def _end(self, reason: str | None, complete: bool = False) -> None:

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from softdyn import InputError, SoftModel
+from softdyn.copies import freeze
 from softdyn.description.task_mark import TaskMark
 from softdyn.safety import Surroundings
-from softdyn.validation.arrays import read_npz
-from softdyn.validation.files import atomic, write_text
+from softdyn.validation.channels import LogChannel
+from softdyn.validation.loop import log_files
 from softdyn.validation.loop import verdict as judged
-from softdyn.validation.loop.log_checks import ADDED, EXTRA, FORMAT, NAMES, SHAPES, check
-from softdyn.validation.loop.log_csv import csv_text
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.metrics import CM, SIGMAS, mean_square
 from softdyn.validation.loop.summary import report, summary_text
@@ -37,6 +35,10 @@ class Log:
 
     Attributes
     ----------
+    channels : dict of str to LogChannel
+        All quantities along the run by name, with the names and units of their columns. The values
+        of each are an attribute of this name, too. Every log has those from `t` to `step_us` below;
+        the others are None in runs that do not have them. A plant of your own may have more.
     t : np.ndarray, (N + 1,)
         Time (s).
     q, v : np.ndarray, (N + 1, nq), (N + 1, nv)
@@ -51,6 +53,33 @@ class Log:
         Text, empty from a controller that has none.
     step_us : np.ndarray, (N,)
         Time of the control step, (q, v) → State → u (µs).
+    Vdot, delta_true : np.ndarray, (N,), or None
+        Of a `certified` log: V̇ and the relaxation computed with the model's acceleration.
+    command : np.ndarray, (N, nu), or None
+        With a rig: the commands that were sent, in the file's units.
+    acting : np.ndarray, (N + 1, nu), or None
+        With a rig: the inputs that acted at each sample, as forces.
+    q_seen, v_seen : np.ndarray, (N, nq), (N, nv), or None
+        With a rig: the state that the controller saw.
+    measured : np.ndarray, (N + 1, sensors), or None
+        With a rig: the readings of its sensors, with columns such as ``camera.x``.
+    clock, stamps : np.ndarray, (N + 1,), (N + 1, sensors), or None
+        On a real rig: the time of each sample on the clock of `time.monotonic` (s), NaN of a period
+        that was left out, and the time t (s) at which each reading was measured.
+    missed : np.ndarray, (N + 1,), or None
+        On a real rig: the deadlines missed before each sample.
+    tasks : np.ndarray, (N + 1, columns), or None
+        Of a controller with `tasks`: their errors.
+    targets : np.ndarray, (N + 1, numbers), or None
+        Of tasks of links' frames: the numbers of their targets.
+    disturbances, deviations : np.ndarray, (N + 1, nd), or None
+        Of an observer of disturbances: their estimates and standard deviations, with columns such
+        as ``tip_force.x``.
+    reserve : np.ndarray, (N + 1, barriers), or None
+        Among obstacles: the smallest value of every barrier (m).
+    distance : np.ndarray, (N,), or None
+        Of a controller that found an equilibrium to go to: from the reference to its tip (m), NaN
+        before it was found.
     u_min, u_max : np.ndarray, (nu,)
         The bounds of u.
     u_unit : str
@@ -63,8 +92,6 @@ class Log:
         Planned length of the run, control period, plant step (s).
     length : float or None
         The robot's length (m), None when unknown.
-    joint_names : tuple[str, ...]
-        The order of v.
     contacts, complete : bool
         Whether links could touch, and whether the run reached its end.
     failed, reason : bool, str or None
@@ -79,57 +106,45 @@ class Log:
         Versions of the packages that computed this run.
     source : LoggedRobot
         The robot, with the text of its file at the time of the run.
-    Vdot, delta_true : np.ndarray, (N,), or None
-        Of a `certified` log: V̇ and the relaxation computed with the model's acceleration.
     plant : str or None
         Name of the user's file that was the plant, None where it was the twin.
-    command : np.ndarray, (N, nu), or None
-        With a rig: the commands that were sent, in the file's units.
-    acting : np.ndarray, (N + 1, nu), or None
-        With a rig: the inputs that acted at each sample, as forces.
-    q_seen, v_seen : np.ndarray, (N, nq), (N, nv), or None
-        With a rig: the state that the controller saw.
-    measured : np.ndarray, (N + 1, sensors), or None
-        With a rig: the readings of its sensors.
-    clock, stamps : np.ndarray, (N + 1,), (N + 1, sensors), or None
-        On a real rig: the time of each sample on the clock of `time.monotonic` (s), NaN of a period
-        that was left out, and the time t (s) at which each reading was measured.
-    missed : np.ndarray, (N + 1,), or None
-        On a real rig: the deadlines missed before each sample.
-    sensor_names : tuple[str, ...]
-        The columns of `measured`, e.g. ``camera.x``.
-    tasks, task_names : np.ndarray, (N + 1, columns), or None; tuple[str, ...]
-        Of a controller with `tasks`: their errors.
-    disturbances, deviations : np.ndarray, (N + 1, nd), or None
-        Of an observer of disturbances: their estimates and standard deviations.
-    disturbance_names : tuple[str, ...]
-        Their columns, e.g. ``tip_force.x``.
-    targets, marks : np.ndarray, (N + 1, numbers), or None; tuple[TaskMark, ...]
-        Of tasks of links' frames: the numbers of their targets, and what they are.
-    command_units, sensor_units, task_units, disturbance_units : tuple[str, ...]
-        The units of the columns of `command`, `measured`, `tasks` and `disturbances`.
-    reserve : np.ndarray, (N + 1, barriers), or None
-        Among obstacles: the smallest value of every barrier (m).
+    marks : tuple[TaskMark, ...]
+        What the numbers of `targets` are.
     obstacles : dict or None
         The table of these barriers, see `softdyn.safety.Surroundings`.
-    distance : np.ndarray, (N,), or None
-        Of a controller that found an equilibrium to go to: from the reference to its tip (m), NaN
-        before it was found.
     start : str
         Joints that the default start moves to their limits, because 0 lies beyond them.
     """
 
-    t: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    y: np.ndarray
-    y_ref: np.ndarray
-    error: np.ndarray
-    u: np.ndarray
-    V: np.ndarray
-    delta: np.ndarray
-    status: np.ndarray
-    step_us: np.ndarray
+    t: ClassVar[np.ndarray]
+    q: ClassVar[np.ndarray]
+    v: ClassVar[np.ndarray]
+    y: ClassVar[np.ndarray]
+    y_ref: ClassVar[np.ndarray]
+    error: ClassVar[np.ndarray]
+    u: ClassVar[np.ndarray]
+    V: ClassVar[np.ndarray]
+    delta: ClassVar[np.ndarray]
+    status: ClassVar[np.ndarray]
+    step_us: ClassVar[np.ndarray]
+    Vdot: ClassVar[np.ndarray | None] = None
+    delta_true: ClassVar[np.ndarray | None] = None
+    command: ClassVar[np.ndarray | None] = None
+    acting: ClassVar[np.ndarray | None] = None
+    q_seen: ClassVar[np.ndarray | None] = None
+    v_seen: ClassVar[np.ndarray | None] = None
+    measured: ClassVar[np.ndarray | None] = None
+    clock: ClassVar[np.ndarray | None] = None
+    stamps: ClassVar[np.ndarray | None] = None
+    missed: ClassVar[np.ndarray | None] = None
+    tasks: ClassVar[np.ndarray | None] = None
+    targets: ClassVar[np.ndarray | None] = None
+    disturbances: ClassVar[np.ndarray | None] = None
+    deviations: ClassVar[np.ndarray | None] = None
+    reserve: ClassVar[np.ndarray | None] = None
+    distance: ClassVar[np.ndarray | None] = None
+
+    channels: Mapping[str, LogChannel]
     u_min: np.ndarray
     u_max: np.ndarray
     u_unit: str
@@ -142,7 +157,6 @@ class Log:
     period: float
     timestep: float
     length: float | None
-    joint_names: tuple[str, ...]
     contacts: bool
     complete: bool
     failed: bool
@@ -153,45 +167,36 @@ class Log:
     gains: Any
     versions: dict[str, str]
     source: LoggedRobot
-    Vdot: np.ndarray | None = None
-    delta_true: np.ndarray | None = None
     plant: str | None = None
-    command: np.ndarray | None = None
-    acting: np.ndarray | None = None
-    q_seen: np.ndarray | None = None
-    v_seen: np.ndarray | None = None
-    measured: np.ndarray | None = None
-    clock: np.ndarray | None = None
-    stamps: np.ndarray | None = None
-    missed: np.ndarray | None = None
-    sensor_names: tuple[str, ...] = ()
-    command_units: tuple[str, ...] = ()
-    sensor_units: tuple[str, ...] = ()
-    tasks: np.ndarray | None = None
-    task_names: tuple[str, ...] = ()
-    task_units: tuple[str, ...] = ()
-    disturbances: np.ndarray | None = None
-    deviations: np.ndarray | None = None
-    disturbance_names: tuple[str, ...] = ()
-    disturbance_units: tuple[str, ...] = ()
-    targets: np.ndarray | None = None
     marks: tuple[TaskMark, ...] = ()
-    reserve: np.ndarray | None = None
     obstacles: dict[str, Any] | None = None
-    distance: np.ndarray | None = None
     start: str = ""
 
     def __post_init__(self) -> None:
-        for array in self._arrays().values():
-            array.flags.writeable = False
-
-    def _arrays(self) -> dict[str, Any]:
-        every = ((name, getattr(self, name)) for name in (*SHAPES, *EXTRA))
-        return {name: array for name, array in every if array is not None}
+        for name, channel in self.channels.items():
+            if getattr(Log, name, None) is not None:
+                raise InputError("channels", "a name that is no attribute of a log", name)
+            object.__setattr__(self, name, channel.values)
+        freeze((self.u_min, self.u_max, *(channel.values for channel in self.channels.values())))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # copies of NumPy arrays are writable; the constructor makes them read-only again
         return Log, tuple(getattr(self, field.name) for field in fields(self))
+
+    def altered(self, *more: LogChannel, **changes: Any) -> Log:
+        """The log with other channels or values: ``log.altered(u=…, failed=True)``."""
+        channels = dict(self.channels)
+        for name in channels.keys() & changes:
+            channels[name] = channels[name].filled(changes.pop(name))
+        channels |= {channel.name: channel for channel in more}
+        return replace(self, channels=channels, **changes)
+
+    def columns(self, name: str) -> tuple[tuple[str, str], ...]:
+        """(name, unit) of each column of a channel; none of a channel that is not there."""
+        channel = self.channels.get(name)
+        if channel is None or channel.columns is None:
+            return ()
+        return tuple(zip(channel.columns, channel.units, strict=True))
 
     def __repr__(self) -> str:
         outcome = f"failed: {self.reason}" if self.failed else "done"
@@ -234,6 +239,26 @@ class Log:
         from softdyn.validation.report.replay import replay
 
         return replay(self, self.source.model() if model is None else model)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The order of v."""
+        return tuple(name for name, _ in self.columns("v"))
+
+    @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """The columns of `measured`."""
+        return tuple(name for name, _ in self.columns("measured"))
+
+    @property
+    def task_names(self) -> tuple[str, ...]:
+        """The columns of `tasks`."""
+        return tuple(name for name, _ in self.columns("tasks"))
+
+    @property
+    def disturbance_names(self) -> tuple[str, ...]:
+        """The columns of `disturbances`."""
+        return tuple(name for name, _ in self.columns("disturbances"))
 
     @property
     def steps(self) -> int:
@@ -280,6 +305,15 @@ class Log:
         return {name: float(np.percentile(self.step_us, p)) for name, p in STEP_TIMES.items()}
 
     @property
+    def jitter_us(self) -> dict[str, float | None]:
+        """Median, 99 %, 99.9 % and maximum (µs) of the lateness of a period on a real rig."""
+        if self.clock is None or not np.isfinite(self.clock).any():
+            return dict.fromkeys(STEP_TIMES)
+        late = 1e6 * (self.clock - self.clock[0] - self.t)
+        late = late[np.isfinite(late)]
+        return {name: float(np.percentile(late, p)) for name, p in STEP_TIMES.items()}
+
+    @property
     def moving(self) -> bool:
         """Whether the reference, or the target of a task of a link's frame, is a trajectory."""
         parts = [self.y_ref] if self.targets is None else [self.y_ref, self.targets]
@@ -310,7 +344,7 @@ class Log:
                 max(judged.steady_error(self.t, e, moving, cycle), 0.0 if moving else e[-1, 0])
                 for e in columns
             ]
-            off = judged.missed_tasks(self.task_names, self.task_units, each, wanted, self.length)
+            off = judged.missed_tasks(self.columns("tasks"), each, wanted, self.length)
             since = judged.settling_time(self.t, self.error, wanted)
             if off is None:
                 within &= steady <= wanted and (since is not None or moving)
@@ -354,8 +388,8 @@ class Log:
         if self.disturbances is None or self.deviations is None:
             return {}
         last, half = self.disturbances[-1].tolist(), (SIGMAS * self.deviations[-1]).tolist()
-        columns = zip(last, half, self.disturbance_units, strict=True)
-        return dict(zip(self.disturbance_names, columns, strict=True))
+        columns = zip(self.columns("disturbances"), last, half, strict=True)
+        return {name: (value, error, unit) for (name, unit), value, error in columns}
 
     @property
     def found_at(self) -> tuple[int, ...]:
@@ -368,7 +402,7 @@ class Log:
     @property
     def task_figures(self) -> dict[str, Any]:
         """The figures of every column of `tasks`."""
-        return judged.task_figures(self.task_names, self.task_units, self.tasks)
+        return judged.task_figures(self.columns("tasks"), self.tasks)
 
     def save(self, path: str | Path) -> None:
         """Write the log as a compressed NPZ file; the file appears complete or not at all.
@@ -378,22 +412,17 @@ class Log:
         InputError
             When nothing can be written there.
         """
-        known = {*SHAPES, *EXTRA}
-        about = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in known}
-        about |= {"format": FORMAT, "source": asdict(self.source)}
-        about["marks"] = [mark.table for mark in self.marks]
-        with atomic(path) as file:
-            np.savez_compressed(file, about=np.array(json.dumps(about)), **self._arrays())
+        log_files.save_npz(path, self.channels, self._about())
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the run as CSV (see `log_csv`), complete or not at all.
+        """Write the run as CSV (see `log_files.csv_text`), complete or not at all.
 
         Raises
         ------
         InputError
-            When nothing can be written there, or the log has no text of its robot.
+            When nothing can be written there, or the run has no control step.
         """
-        write_text(path, csv_text(self))
+        log_files.save_csv(path, self.channels, self._about())
 
     @classmethod
     def load(cls, path: str | Path) -> Log:
@@ -402,20 +431,31 @@ class Log:
         Raises
         ------
         InputError
-            The file cannot be read, or is not a complete, consistent log.
+            The file cannot be read, or is not a complete, consistent log of this version.
         """
-        where = str(path)
-        content: dict[str, Any] = {**read_npz(path, f"a log of format {FORMAT}", "log")}
-        try:
-            about = json.loads(content.pop("about").item())
-        except (KeyError, ValueError, TypeError, RecursionError) as error:
-            raise InputError(where, f"a log of format {FORMAT}", error) from None
-        if isinstance(about, dict) and about.get("format") == FORMAT:
-            about = ADDED | about
-        check(where, content, about, {f.name for f in fields(Log)} - {*SHAPES, *EXTRA})
-        about.pop("format")
-        for name in ("joint_names", *NAMES):
-            about[name] = tuple(about[name])
+        return cls._of(*log_files.load_npz(path))
+
+    @classmethod
+    def from_csv(cls, path: str | Path) -> Log:
+        """Read a log exactly as `to_csv` wrote it.
+
+        Raises
+        ------
+        InputError
+            The file cannot be read, or is not a complete, consistent log of this version.
+        """
+        return cls._of(*log_files.load_csv(path))
+
+    def _about(self) -> dict[str, Any]:
+        """All that is no channel, as plain data."""
+        found = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "channels"}
+        found |= {name: found[name].tolist() for name in ("u_min", "u_max")}
+        return found | {
+            "source": asdict(self.source), "marks": [mark.table for mark in self.marks],
+        }  # fmt: skip
+
+    @classmethod
+    def _of(cls, channels: Mapping[str, LogChannel], about: dict[str, Any]) -> Log:
+        about |= {name: np.array(about[name]) for name in ("u_min", "u_max")}
         about["marks"] = tuple(TaskMark.of(table) for table in about["marks"])
-        about["source"] = LoggedRobot(**about["source"])
-        return cls(**content, **about)
+        return cls(channels, **about | {"source": LoggedRobot(**about["source"])})

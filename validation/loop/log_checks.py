@@ -12,90 +12,40 @@ from softdyn import InputError
 from softdyn.description.task_mark import TaskMark
 from softdyn.exceptions import errors_in
 from softdyn.safety import Surroundings
+from softdyn.validation.channels import LogChannel, goals
 from softdyn.validation.loop.experiment import ROLLOUT
 from softdyn.validation.plain_data import LARGEST
 
-FORMAT = "softdyn-log-3"
+FORMAT = "softdyn-log-4"
 FLOAT = np.dtype(float)
-# Axes of the arrays: N control steps, N + 1 samples, the robot's sizes, 3 of space.
-SHAPES = {
-    "t": ("samples",),
-    "q": ("samples", "nq"),
-    "v": ("samples", "nv"),
-    "y": ("samples", "space"),
-    "y_ref": ("samples", "space"),
-    "error": ("samples", "space"),
-    "u": ("steps", "nu"),
-    "V": ("steps",),
-    "delta": ("steps",),
-    "status": ("steps",),
-    "step_us": ("steps",),
-    "u_min": ("nu",),
-    "u_max": ("nu",),
-}
-# only of a `certified` log
-CERTIFIED = {"Vdot": ("steps",), "delta_true": ("steps",)}
-# only from a run with a rig
-RIGGED = {
-    "command": ("steps", "nu"),
-    "acting": ("samples", "nu"),
-    "q_seen": ("steps", "nq"),
-    "v_seen": ("steps", "nv"),
-    "measured": ("samples", "sensors"),
-}
-# only from a run on a real rig
-DRIVEN = {"clock": ("samples",), "stamps": ("samples", "sensors"), "missed": ("samples",)}
-# only from a controller of several tasks
-TASKED = {"tasks": ("samples", "columns")}
-# and of those, only from tasks of links' frames
-AIMED = {"targets": ("samples", "numbers")}
-# only from a run among obstacles
-SURROUNDED = {"reserve": ("samples", "barriers")}
-# only from a controller that found an equilibrium to go to
-GOING = {"distance": ("steps",)}
-# only from an observer of disturbances
-ESTIMATED = dict.fromkeys(("disturbances", "deviations"), ("samples", "disturbances"))
-EXTRA = CERTIFIED | RIGGED | DRIVEN | TASKED | AIMED | SURROUNDED | GOING | ESTIMATED
-# keys that older logs lack
-NAMES = (
-    "sensor_names", "command_units", "sensor_units", "task_names", "task_units",
-    "disturbance_names", "disturbance_units", "marks",
-)  # fmt: skip
-ADDED: dict[str, Any] = {"plant": None, "obstacles": None, "start": ""}
-ADDED |= {name: [] for name in NAMES}
+# channel of every log → whether it is held, and its number of columns: 0 for one number per row,
+# None for any number
+FORMS = {
+    "t": (False, 0), "q": (False, None), "v": (False, None), "y": (False, 3), "y_ref": (False, 3),
+    "error": (False, 3), "u": (True, None), "V": (True, 0), "delta": (True, 0),
+    "status": (True, 0), "step_us": (True, 0),
+}  # fmt: skip
 
 
-def _format(about: Any) -> Any:
-    return about.get("format") if isinstance(about, dict) else None
-
-
-def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]) -> None:
-    """Refuse content that `Log.save` cannot have written, and logs of other versions.
+def check(where: str, channels: Mapping[str, LogChannel], about: Any) -> None:
+    """Refuse content that `Log` cannot have written.
 
     Parameters
     ----------
     where : str
         The file.
-    arrays : dict[str, np.ndarray]
-        Its arrays.
+    channels : mapping of str to LogChannel
+        Its channels.
     about : Any
-        The content of its JSON.
-    names : set of str
-        The fields of a log that are not arrays.
+        Its settings.
 
     Raises
     ------
     InputError
         Something is missing, unknown, of the wrong type or inconsistent.
     """
-    if _format(about) != FORMAT:
-        raise InputError(where, f"a log of format {FORMAT}", _format(about) or "another format")
-    if set(about) != names | {"format"}:
-        raise InputError(where, f"entries {sorted(names)}", sorted(about))
-    groups = (SHAPES, CERTIFIED, RIGGED, DRIVEN, TASKED, AIMED, SURROUNDED, GOING, ESTIMATED)
-    whole = [group for group in groups if group is SHAPES or not {*group}.isdisjoint(arrays)]
-    if {name for group in whole for name in group} != set(arrays):
-        raise InputError(where, f"arrays {', '.join(SHAPES)}", ", ".join(arrays))
+    if set(about) != set(ENTRIES):
+        raise InputError(where, f"entries {', '.join(sorted(ENTRIES))}", ", ".join(sorted(about)))
     for name, fits in ENTRIES.items():
         if not fits(about[name]):
             raise InputError(where, f"{name} as a log has it", repr(about[name]))
@@ -103,43 +53,38 @@ def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]
         raise InputError(where, "a reason only for a failed run", repr(about["reason"]))
     with errors_in(where):
         around = Surroundings.of(about["obstacles"] or {}, where)
-        goals = [name for mark in about["marks"] for name in TaskMark.of(mark).columns]
-    sizes = {"nv": "joint_names", "sensors": "sensor_names", "columns": "task_names"}
-    sizes |= {"disturbances": "disturbance_names"}
-    lengths = {axis: len(about[name]) for axis, name in sizes.items()}
-    lengths |= {"barriers": len(around.names), "numbers": len(goals)}
-    _check_shapes(where, arrays, lengths)
-    _check_units(where, arrays, about)
-    _check_values(where, arrays, about)
+        numbers = goals(TaskMark.of(mark) for mark in about["marks"])
+    _check_shapes(where, channels)
+    for name, columns in (("reserve", around.names), ("targets", [n for n, _ in numbers])):
+        if name in channels and channels[name].columns != tuple(columns):
+            raise InputError(where, f"columns {columns} of {name}", f"{channels[name].columns}")
+    if not {len(about["u_min"]), len(about["u_max"])} == {channels["u"].values.shape[1]}:
+        raise InputError(where, "bounds of every input", "others")
+    _check_values(where, {name: channel.values for name, channel in channels.items()}, about)
 
 
-def _check_shapes(where: str, arrays: dict[str, np.ndarray], size: dict[str, int]) -> None:
-    size |= {"space": 3, "samples": arrays["t"].size}
-    size |= {"steps": size["samples"] - 1, "nu": arrays["u_min"].size}
-    for name, axes in (SHAPES | EXTRA).items():
-        if name not in arrays:
-            continue
-        shape = arrays[name].shape
-        expected = tuple(size.get(axis, s) for axis, s in zip(axes, shape, strict=False))
-        if len(shape) != len(axes) or shape != expected:
-            raise InputError(where, f"{name} of shape ({', '.join(axes)})", f"shape {shape}")
-        dtype = arrays[name].dtype
-        if dtype.kind != "U" if name == "status" else dtype != FLOAT:
-            raise InputError(where, f"{name} of its own type", f"type {dtype}")
-
-
-def _check_units(where: str, arrays: dict[str, np.ndarray], about: Mapping[str, Any]) -> None:
-    """Refuse units that are not one for each column; older logs have none."""
-    sizes = {"command_units": arrays["u_min"].size, "sensor_units": len(about["sensor_names"])}
-    sizes |= {f"{what}_units": len(about[f"{what}_names"]) for what in ("task", "disturbance")}
-    for name, size in sizes.items():
-        if len(about[name]) not in (0, size):
-            raise InputError(where, f"{size} of {name}", f"{len(about[name])}")
+def _check_shapes(where: str, channels: Mapping[str, LogChannel]) -> None:
+    for name, (held, count) in FORMS.items():
+        if name not in channels:
+            raise InputError(where, f"a channel {name}", ", ".join(channels))
+        made = channels[name]
+        columns = 0 if made.columns is None else len(made.columns)
+        fits = (count is None and made.columns is not None) or columns == count
+        if (made.held, made.text) != (held, name == "status") or not fits:
+            raise InputError(where, f"{name} as a log has it", "another form")
+    samples = channels["t"].values.size
+    for name, channel in channels.items():
+        expected = channel.empty(samples).shape if samples else None
+        values = channel.values
+        if values.shape != expected:
+            raise InputError(where, f"{name} of shape {expected}", f"shape {values.shape}")
+        if values.dtype.kind != "U" if channel.text else values.dtype != FLOAT:
+            raise InputError(where, f"{name} of its own type", f"type {values.dtype}")
 
 
 def _check_values(where: str, arrays: dict[str, np.ndarray], about: Mapping[str, Any]) -> None:
     """Refuse impossible values; only the last sample of a run that ended early may be NaN."""
-    t, u, low, high = (arrays[name] for name in ("t", "u", "u_min", "u_max"))
+    t, u, low, high = arrays["t"], arrays["u"], np.array(about["u_min"]), np.array(about["u_max"])
     if not (t[0] == 0 and np.isfinite(t).all() and (np.diff(t) > 0).all()):
         raise InputError(where, "increasing times from 0", "others")
     if about["complete"] and abs(t[-1] - about["duration"]) > about["timestep"]:
@@ -158,6 +103,10 @@ def _check_values(where: str, arrays: dict[str, np.ndarray], about: Mapping[str,
         raise InputError(where, "inputs inside their bounds", "others")
     if (arrays["step_us"] < 0).any() or np.isinf(arrays["step_us"]).any():
         raise InputError(where, "finite step times >= 0", "others")
+
+
+def _is_bounds(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(bound, float) for bound in value)
 
 
 def _is_text(value: Any) -> bool:
@@ -180,14 +129,6 @@ def _is_count(value: Any) -> bool:
     return isinstance(value, int) and not _is_flag(value) and abs(value) <= LARGEST
 
 
-def _is_names(value: Any) -> bool:
-    return _is_units(value) and len({*value}) == len(value)
-
-
-def _is_units(value: Any) -> bool:
-    return isinstance(value, list) and all(map(_is_text, value))
-
-
 def _is_versions(value: Any) -> bool:
     return isinstance(value, dict) and all(map(_is_text, value.values()))
 
@@ -207,9 +148,11 @@ def _is_source(value: Any) -> bool:
     )
 
 
-# name → whether a value is allowed in a file; gains may have any form
+# name → whether a value is allowed in a file
 ENTRIES: dict[str, Callable[[Any], bool]] = {
     "u_unit": _is_text,
+    "u_min": _is_bounds,
+    "u_max": _is_bounds,
     "start": _is_text,
     "robot": _is_text,
     "controller": _is_text,
@@ -220,14 +163,6 @@ ENTRIES: dict[str, Callable[[Any], bool]] = {
     "period": _is_positive,
     "timestep": _is_positive,
     "length": _or_none(_is_positive),
-    "joint_names": _is_names,
-    "sensor_names": _is_names,
-    "command_units": _is_units,
-    "sensor_units": _is_units,
-    "task_names": _is_names,
-    "task_units": _is_units,
-    "disturbance_names": _is_names,
-    "disturbance_units": _is_units,
     "contacts": _is_flag,
     "complete": _is_flag,
     "failed": _is_flag,
@@ -235,6 +170,7 @@ ENTRIES: dict[str, Callable[[Any], bool]] = {
     "not_solved": _is_count,
     "fallbacks": _is_count,
     "max_bound_violation": lambda value: _is_number(value) and value >= 0,
+    "gains": lambda value: True,
     "versions": _is_versions,
     "source": _is_source,
     "plant": _or_none(_is_text),

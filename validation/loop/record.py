@@ -18,9 +18,10 @@ from softdyn import InputError, SoftModel, State
 from softdyn.checks import number
 from softdyn.controllers.controller import Command
 from softdyn.controllers.qps.stacked_error import rows_of
+from softdyn.description.task_mark import TaskMark
 from softdyn.tasks.marks import marks_of, target_row
 from softdyn.tasks.task import Task, errors_along
-from softdyn.validation.channels import LogChannel, inputs, positions, rates
+from softdyn.validation.channels import LogChannel, every_run, goals
 
 LONGEST = 200  # characters of a status
 LARGEST = 2**53  # of a count: a float represents all integers up to it
@@ -142,47 +143,35 @@ class Recorder:
         """The error (3,) (m) of sample `k`."""
         return self._arrays["error"][k]
 
-    def task_errors(self, steps: int, controller: object, reference: Any) -> dict[str, Any]:
-        """Errors of a controller's `tasks` at the finite samples, and the targets of the tasks."""
+    def of_tasks(
+        self, steps: int, controller: object, reference: Any
+    ) -> tuple[list[LogChannel], tuple[TaskMark, ...]]:
+        """Errors of a controller's `tasks` at the finite samples, and their targets and marks."""
         tasks = tasks_in(controller)
         if not tasks:
-            return {}
+            return [], ()
         t, q, v = (self._arrays[name][: steps + 1] for name in ("t", "q", "v"))
         known = np.isfinite(np.hstack((q, v))).all(axis=1)
         run = SimpleNamespace(t=t[known], q=q[known], v=v[known])
         found = errors_along(self._model, tasks, run, reference)
         parts = [task.columns(rows_of(task, self._model)) for task in tasks]
         units = {name: unit for part in parts for name, (unit, _) in part.items()}
-        errors = np.full((len(t), len(units)), np.nan)
+        channel = LogChannel.of("tasks", units.items(), "task")
+        errors = channel.empty(len(t))
         errors[known] = np.column_stack([found[name] for name in units])
-        made = {"tasks": errors, "task_names": (*units,), "task_units": (*units.values(),)}
-        marks = marks_of(tasks)
-        if not marks:
-            return made
-        rows = [target_row(tasks, reference(float(time))) for time in t]
-        return {**made, "targets": np.array(rows), "marks": marks}
+        made, marks = [channel.filled(errors)], marks_of(tasks)
+        if marks:
+            rows = np.array([target_row(tasks, reference(float(time))) for time in t])
+            made.append(LogChannel.of("targets", goals(marks), "goal").filled(rows))
+        return made, marks
 
-    def arrays(self, steps: int) -> dict[str, np.ndarray]:
-        """The arrays of a log of a run that did `steps` control steps."""
-        found = {}
+    def filled(self, steps: int) -> list[LogChannel]:
+        """The channels of a run that did `steps` control steps."""
+        found = []
         for name, channel in self.channels.items():
             values = self._arrays[name][: steps + (not channel.held)]
-            found[name] = values.astype(str) if values.dtype == object else values.copy()
+            found.append(channel.filled(values.astype(str) if channel.text else values.copy()))
         return found
-
-
-def every_run(model: SoftModel) -> tuple[LogChannel, ...]:
-    """The channels of every run of a robot."""
-    axes = [(axis, "m") for axis in "xyz"]
-    return (
-        LogChannel("t", units=("s",), title="t"),
-        LogChannel.of("u", inputs(model), held=True),
-        LogChannel.of("q", positions(model)), LogChannel.of("v", rates(model)),
-        LogChannel.of("y", axes, "tip"), LogChannel.of("y_ref", axes, "target"),
-        LogChannel.of("error", axes),
-        LogChannel("V", held=True), LogChannel("delta", held=True),
-        LogChannel("status", text=True, held=True), LogChannel("step_us", units=("us",), held=True),
-    )  # fmt: skip
 
 
 class Counts:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from softdyn.validation.loop import verdict as judged
 from softdyn.validation.loop.experiment import ROLLOUT
 from softdyn.validation.loop.metrics import CM
@@ -35,6 +37,12 @@ def summary_text(log: Log, beside: Mapping[str, str] | None, tolerance: float | 
     if log.steps:
         parts = ", ".join(f"{name} {value:.0f}" for name, value in log.step_times_us.items())
         lines.append(f"step time      {parts} us over {log.steps} steps")
+    if log.missed is not None and log.steps:
+        parts = ", ".join(f"{name} {value:.0f}" for name, value in log.jitter_us.items())
+        lines.append(
+            f"clock          periods began late by {parts} us; "
+            f"{np.nansum(log.missed):.0f} deadlines missed"
+        )
     beyond = log.max_bound_violation
     lines.append(
         f"solver         {log.not_solved} not solved, {log.fallbacks} fallbacks, "
@@ -106,6 +114,8 @@ def report(log: Log, tolerance: float | None) -> dict[str, Any]:
         "verdict": "failed" if log.failed else ("reached" if found.reached else "not reached"),
         **found.to_dict(),
     }
+    if log.missed is not None:
+        made |= {"missed": int(np.nansum(log.missed)), "jitter_us": log.jitter_us}
     if least:
         made["reserve_mm"] = {name: 1e3 * m for name, m in least.items()}
     if log.disturbance_names:

@@ -160,13 +160,16 @@ def goal_text(theta: float | None, omega: float | None, y_ref: np.ndarray) -> st
 
 
 def task_figures(
-    names: Sequence[str], units: Sequence[str], errors: np.ndarray | None
+    tasks: Sequence[tuple[str, str]], errors: np.ndarray | None
 ) -> dict[str, dict[str, Any]]:
-    """First, last and rms error of each task (cm, degrees) of errors (N + 1, tasks), by name."""
+    """First, last and rms error of each task (cm, degrees) of errors (N + 1, tasks), by name.
+
+    `tasks` are names and units.
+    """
     found: dict[str, dict[str, Any]] = {}
     if errors is None:
         return found
-    for k, (name, unit) in enumerate(zip(names, units, strict=True)):
+    for k, (name, unit) in enumerate(tasks):
         shown, factor = SHOWN.get(unit, (unit, 1.0))
         values = factor * errors[:, k]
         rms = math.sqrt(float(np.mean(values**2)))
@@ -176,8 +179,7 @@ def task_figures(
 
 
 def missed_tasks(
-    names: Sequence[str],
-    units: Sequence[str],
+    tasks: Sequence[tuple[str, str]],
     errors: Sequence[float],
     tolerance: float,
     length: float | None,
@@ -189,8 +191,8 @@ def missed_tasks(
 
     Parameters
     ----------
-    names, units : sequence of str
-        The tasks and the units of their errors.
+    tasks : sequence of (str, str)
+        The tasks' names and the units of their errors.
     errors : sequence of float
         The larger of their steady error and, at a set point, their final one.
     tolerance : float
@@ -199,11 +201,11 @@ def missed_tasks(
         The robot's length (m).
     """
     allowed = {"m": tolerance, "rad": tolerance / length if length else TOLERANCE}
-    if not any(unit in allowed for unit in units):
+    if not any(unit in allowed for _, unit in tasks):
         return None
     return tuple(
         name
-        for name, unit, error in zip(names, units, errors, strict=True)
+        for (name, unit), error in zip(tasks, errors, strict=True)
         if unit in allowed and not error <= allowed[unit]
     )
 

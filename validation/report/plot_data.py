@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
@@ -45,7 +45,7 @@ class PlottedRun:
         log = Log.load(path)
         n = log.finite_samples
         kept = {name: getattr(log, name)[:n] for name in ("t", "y", "y_ref", "u", "V")}
-        return cls(case, replace(log, **kept), finite_errors(log))
+        return cls(case, log.altered(**kept), finite_errors(log))
 
     @property
     def path(self) -> np.ndarray:

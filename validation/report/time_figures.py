@@ -77,7 +77,7 @@ def compare(logs: Sequence[Log], labels: Sequence[str]) -> Figure:
     estimated = [
         (log, label, unit)
         for log, label in zip(logs, labels, strict=True)
-        for unit in dict.fromkeys(log.disturbance_units)
+        for unit in dict.fromkeys(unit for _, unit in log.columns("disturbances"))
     ]
     among = [
         (log, label, log.reserve)
@@ -131,13 +131,14 @@ def draw_disturbances(axes: Axes, log: Log, label: str, unit: str) -> None:
     """Draw the estimated disturbances of one unit, with their 95 % intervals."""
     assert log.disturbances is not None
     assert log.deviations is not None
-    columns = [k for k, of_column in enumerate(log.disturbance_units) if of_column == unit]
+    names = [name for name, of_column in log.columns("disturbances") if of_column == unit]
+    columns = [k for k, (name, _) in enumerate(log.columns("disturbances")) if name in names]
     t = log.t[: log.finite_samples]
-    for i, k in enumerate(columns):
+    for i, (k, name) in enumerate(zip(columns, names, strict=True)):
         value, half = log.disturbances[: len(t), k], SIGMAS * log.deviations[: len(t), k]
         kept = thin(value, bins=600)
         colour = look.INPUTS[i % len(look.INPUTS)]
-        look.line(axes, t[kept], value[kept], colour, label=log.disturbance_names[k])
+        look.line(axes, t[kept], value[kept], colour, label=name)
         axes.fill_between(
             t[kept], (value - half)[kept], (value + half)[kept], color=colour[0], alpha=0.2, lw=0
         )

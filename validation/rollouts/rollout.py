@@ -166,8 +166,8 @@ def _filled(
     """The log of a complete run from its states and inputs."""
     y = np.array([model.state(*state).y for state in zip(q, v, strict=True)])
     unknown = np.full(len(u), np.nan)
-    return replace(
-        empty, t=grid.times(), q=q, v=v, y=y, y_ref=np.full(y.shape, np.nan),
+    return empty.altered(
+        t=grid.times(), q=q, v=v, y=y, y_ref=np.full(y.shape, np.nan),
         error=np.full(y.shape, np.nan), u=u, V=unknown, delta=unknown,
         status=np.full(len(u), ""), step_us=unknown, complete=True,
     )  # fmt: skip
@@ -175,4 +175,4 @@ def _filled(
 
 def _run(model: SoftModel, u: np.ndarray, options: RunOptions, direct: np.ndarray) -> Log:
     log = _loop(model, u, options, direct).run()
-    return replace(log, step_us=np.full(log.steps, np.nan))
+    return log.altered(step_us=np.full(log.steps, np.nan))

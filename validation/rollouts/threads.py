@@ -24,7 +24,7 @@ def fits(twin: Twin, grid: TimeGrid) -> bool:
 
     Cables that rub on their guides have a friction that changes with their pull.
     """
-    rubs = any(tendon.friction for tendon in twin.robot.tendons)
+    rubs = any(tendon.rubs for tendon in twin.robot.tendons)
     return not rubs and _bytes(twin, grid) <= MOST
 
 

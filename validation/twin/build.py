@@ -108,6 +108,9 @@ def _specify(robot: Robot, tree: Tree, timestep: float | None) -> mujoco.MjSpec:
             _add_site(bodies, tree, site.link, place, drives.site_name(tendon, k))
         for wrap in tendon.wraps:
             _add_wrap(bodies, tree, wrap, drives.wrap_name(tendon, wrap))
+            if tendon.rubs:
+                place = Origin(wrap.xyz)
+                _add_site(bodies, tree, wrap.link, place, drives.anchor_name(tendon, wrap))
     _add_site(bodies, tree, robot.task, IDENTITY, TASK_SITE)
     drives.add_inputs(spec, robot, timestep)
     if timestep is not None:

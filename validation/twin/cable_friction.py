@@ -7,8 +7,10 @@ step. With the tension T before the guide, the wrap angle φ and the coefficient
 T (1 - exp(-μφ)) where the cable slides towards its driven end, and T (exp(μφ) - 1) the other way;
 the two change places for a negative T. MuJoCo's solver lets such a cable stick.
 
-Wrap angles come from MuJoCo's own positions of sites and joints. Those, the tension at the driven
-end and the friction that acts are of the step before.
+Wrap angles come from MuJoCo's own positions of sites and joints, and of a cable around round bodies
+from MuJoCo's points of its path. The cable beyond such a body begins at a site of the body, where
+the cable leaves it. Angles, this place, the tension at the driven end and the friction that acts
+are of the step before.
 """
 
 from __future__ import annotations
@@ -20,8 +22,17 @@ import mujoco
 import numpy as np
 
 from softdyn.compiled import compiled
-from softdyn.description.robot import JointTerm, Robot, Site, from_driven_end, moving_link_of
-from softdyn.validation.twin.drives import site_name
+from softdyn.description.robot import (
+    JointTerm,
+    Robot,
+    Site,
+    Tendon,
+    Wrap,
+    from_driven_end,
+    moving_link_of,
+)
+from softdyn.validation.twin.cable_course import CableCourse, Turn, turns_of
+from softdyn.validation.twin.drives import anchor_name, site_name, wrap_name
 
 LEAST = 1e-12  # N; MuJoCo has no row for a friction of zero
 HIGHEST_IMPEDANCE = 0.9999  # MuJoCo's bound
@@ -51,6 +62,10 @@ class Guide(NamedTuple):
         The last site at the guide, and the others up to the far end.
     joints : tuple of (str, float)
         The joint at the guide and the others up to the far end, with their moment arms.
+    geoms : tuple of (int, str, str)
+        Round bodies beyond the guide: the number of `sites` before one, its geom and its side site.
+    around : tuple of Turn
+        The elements of a cable around round bodies, instead of `turns`; `friction` is then 1.
     """
 
     tendon: str
@@ -60,6 +75,8 @@ class Guide(NamedTuple):
     turns: tuple[tuple[str, ...], ...] = ()
     sites: tuple[str, ...] = ()
     joints: tuple[tuple[str, float], ...] = ()
+    geoms: tuple[tuple[int, str, str], ...] = ()
+    around: tuple[Turn, ...] = ()
 
 
 def guides_of(robot: Robot) -> Iterator[Guide]:
@@ -67,6 +84,10 @@ def guides_of(robot: Robot) -> Iterator[Guide]:
     kinds = {joint.name: joint.kind for joint in robot.joints}
     carrier, number = moving_link_of(robot), -1
     for tendon in robot.tendons:
+        if tendon.wraps and tendon.rubs:
+            yield from _around(robot, tendon, number)
+            number += len(tendon.path) - 2
+            continue
         if not tendon.friction:
             continue
         path = from_driven_end(robot, tendon)
@@ -94,6 +115,36 @@ def guides_of(robot: Robot) -> Iterator[Guide]:
                 )  # fmt: skip
 
 
+def _around(robot: Robot, tendon: Tendon, number: int) -> Iterator[Guide]:
+    """The guides of a cable around round bodies; their elements count from `number` + 1."""
+    path, carrier = from_driven_end(robot, tendon), moving_link_of(robot)
+    turns = turns_of(tendon)
+    forward = path[0] == tendon.path[0]
+    turns = turns if forward else turns[::-1]
+    names = {id(site): site_name(tendon, k) for k, site in enumerate(tendon.sites)}
+    met: list[Turn] = []
+    for k, part in enumerate(path[1:-1], 1):
+        assert isinstance(part, Site | Wrap)
+        met.append(turns[k - 1])
+        behind = path[k + 1]
+        assert isinstance(behind, Site | Wrap)
+        if carrier[part.link] == carrier[behind.link]:
+            continue
+        sites = [anchor_name(tendon, part)] if isinstance(part, Wrap) else [names[id(part)]]
+        geoms = []
+        for beyond in path[k + 1 :]:
+            if isinstance(beyond, Wrap):
+                name = wrap_name(tendon, beyond)
+                geoms.append((len(sites) - 1, name, "" if beyond.side is None else name))
+            else:
+                sites.append(names[id(beyond)])
+        yield Guide(
+            tendon.name, f"{tendon.name}:beyond:{k}", 1.0, number + k, sites=tuple(sites),
+            geoms=tuple(geoms), around=tuple(met),
+        )  # fmt: skip
+        met = []
+
+
 def add_guides(spec: mujoco.MjSpec, robot: Robot, timestep: float) -> None:
     """Specify the tendons beyond the guides."""
     for guide in guides_of(robot):
@@ -102,8 +153,11 @@ def add_guides(spec: mujoco.MjSpec, robot: Robot, timestep: float) -> None:
         # a cable that sticks loses its speed in one step
         added.solref_friction = (-1.0, -1.0 / timestep)
         added.solimp_friction = (HIGHEST_IMPEDANCE, HIGHEST_IMPEDANCE, 1e-4, 0.5, 2.0)
-        for site in guide.sites:
+        geoms = {k: names for k, *names in guide.geoms}
+        for k, site in enumerate(guide.sites):
             added.wrap_site(site)
+            if k in geoms:
+                added.wrap_geom(*geoms[k])
         for joint, arm in guide.joints:
             added.wrap_joint(joint, arm)
 
@@ -147,6 +201,14 @@ class CableFriction:
         ]
         self._turns = np.array(turns, int).reshape(-1, 4).T
         self._hinges = np.array(hinges, int).reshape(-1, 2).T
+        courses = {
+            tendon.name: CableCourse(model, robot, tendon)
+            for tendon in robot.tendons
+            if tendon.wraps and tendon.rubs
+        }
+        self._courses = tuple(courses.values())
+        self._around = [(g, courses[guide.tendon], guide.around) for g, guide in enumerate(guides)
+                        if guide.around]  # fmt: skip
 
     def clear(self) -> None:
         """Forget the friction of the last step.
@@ -162,11 +224,13 @@ class CableFriction:
         """Set the limits of the next step, after a step or `mj_forward`."""
         last = data.ne + data.nf
         force = data.efc_force[last - len(self.rows) : last]
+        for course in self._courses:
+            course.place_anchors(data)
         _limits(self._limit, self.angles(data), self.pull(data), force, self.tendon, self.friction)
         self._model.tendon_frictionloss[self.rows] = self._limit
 
     def angles(self, data: mujoco.MjData) -> np.ndarray:
-        """Wrap angles (guides,), rad."""
+        """Wrap angles (guides,), rad; for a cable around round bodies Σ μ φ of the guide."""
         angles, (guides, *sites) = np.zeros(len(self.rows)), self._turns
         angles[self._hinges[0]] = np.abs(data.qpos[self._hinges[1]])
         if len(guides):
@@ -174,6 +238,8 @@ class CableFriction:
             (a, b, c), (x, y, z) = (here - before).T, (behind - here).T
             across = np.sqrt((b * z - c * y) ** 2 + (c * x - a * z) ** 2 + (a * y - b * x) ** 2)
             np.add.at(angles, guides, np.arctan2(across, a * x + b * y + c * z))
+        for g, course, turns in self._around:
+            angles[g] = course.turn(data, turns)
         return angles
 
     def pull(self, data: mujoco.MjData) -> np.ndarray:
@@ -195,6 +261,11 @@ class CableFriction:
 
         The directions are those of the present speeds.
         """
+        if self._courses:
+            for course in self._courses:
+                course.place_anchors(data)
+            mujoco.mj_fwdPosition(self._model, data)
+            mujoco.mj_fwdVelocity(self._model, data)
         model, count = self._model, len(self.rows)
         direction, turns = -np.sign(data.ten_velocity[self.rows]), self.friction * self.angles(data)
         before, behind, pull = np.empty(count), np.empty(count), self.pull(data)

@@ -75,6 +75,11 @@ def wrap_name(tendon: Tendon, wrap: Wrap) -> str:
     return f"{tendon.name}:{wrap.after}:around"
 
 
+def anchor_name(tendon: Tendon, wrap: Wrap) -> str:
+    """Name of the site where a cable that rubs leaves a round body."""
+    return f"{wrap_name(tendon, wrap)}:leaves"
+
+
 def frame_name(sensor: Sensor) -> str:
     """Name of the site at a sensor's frame."""
     return f"sensor:{sensor.name}"

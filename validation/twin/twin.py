@@ -130,7 +130,7 @@ class Twin(Separate):
         silence()
         self.obstacles = tuple(obstacles)
         self.robot = _robot(source)
-        rubs = (rig or friction) and any(tendon.friction for tendon in self.robot.tendons)
+        rubs = (rig or friction) and any(tendon.rubs for tendon in self.robot.tendons)
         scheme = integrator_of(integrator)
         settings = Settings(timestep, scheme, limits, contacts, friction or rubs)
         self.floating = self.robot.floating

@@ -16,7 +16,7 @@ import tomllib
 import warnings
 import zipfile
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -26,9 +26,9 @@ import numpy as np
 import softdyn
 from softdyn import InputError, SetPoint, SoftdynError
 from softdyn.controllers import SoftIdClfQp, schedule
+from softdyn.description.task_mark import TaskMark
 from softdyn.files import read_toml
 from softdyn.validation.loop.log import Log
-from softdyn.validation.loop.log_checks import NAMES, SHAPES
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.simulate import simulate
 from softdyn.validation.studies import sweep_file
@@ -100,7 +100,7 @@ def kinds() -> list[Kind]:
     model = softdyn.load("finger")
     law = SoftIdClfQp(model)
     log = simulate(model, law, SetPoint([0.1, 0.0, -0.1]), duration=0.02)
-    log = replace(log, step_us=np.full(log.steps, 50.0))  # the same in every process
+    log = log.altered(step_us=np.full(log.steps, 50.0))  # the same in every process
     (job,) = worker.jobs_of([Case("finger", "ic", "set_point", 0.5)])
     ended = CaseResult({"outcome": "done", "reason": None, "mse_cm2": 1.5, "failed": False},
                     step_us=log.step_times_us)  # fmt: skip
@@ -168,7 +168,7 @@ def read_log(data: bytes, path: Path) -> str:
     log = Log.load(path)
     with np.load(path) as file:
         about = json.loads(str(file["about"]))
-        arrays = {name: file[name] for name in SHAPES}
+        arrays = {name: file[name] for name in about["channels"]}
     log.report()
     log.summary()
     log.save(path)
@@ -176,10 +176,10 @@ def read_log(data: bytes, path: Path) -> str:
     for name, value in arrays.items():
         if not all(_same_bytes(getattr(read, name), value) for read in (log, again)):
             return name
-    for name in ("joint_names", *NAMES):
-        about[name] = tuple(about.get(name, ()))
     about["source"] = LoggedRobot(**about["source"])
-    for name in about.keys() - {"format"}:
+    about["marks"] = tuple(TaskMark.of(table) for table in about["marks"])
+    about |= {name: np.array(about[name]) for name in ("u_min", "u_max")}
+    for name in about.keys() - {"format", "channels"}:
         for read in (log, again):
             if repr(getattr(read, name)) != repr(about[name]):
                 return name

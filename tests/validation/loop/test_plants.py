@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
-from softdyn.validation import rollout, simulate
+from softdyn.validation import Log, rollout, simulate
 from softdyn.validation.channels import LogChannel
 from softdyn.validation.loop.plants import Plant
 from softdyn.validation.twin.twin import SimulationError
@@ -23,7 +23,10 @@ class Cart:
     def __init__(self, shy: bool, period: float = 0.01, stops: float = np.inf) -> None:
         self.shy, self.period, self.stops, self.t = shy, period, stops, 0.0
         self.sent, self.settings = np.zeros(1), {"contacts": False}
-        self.channels = (LogChannel.of("measured", [("ruler", "m")]),)
+        self.channels = (
+            LogChannel.of("measured", [("ruler", "m")]),
+            LogChannel.of("warmth", [("motor", "K")], held=True),
+        )
 
     def start(self, q, v, t=0.0, u=None):
         self.x, self.v, self.t = float(q[0]), float(v[0]), t
@@ -46,7 +49,7 @@ class Cart:
         self.sent = u
         if self.t > self.stops:
             raise SimulationError(self.t, "the motor is hot")
-        return {}
+        return {"warmth": 300.0 + self.t}
 
 
 class Differences:
@@ -72,6 +75,26 @@ def test_a_plant_of_one_s_own_is_the_twin_and_records_its_quantities(cart):
     np.testing.assert_allclose(log.q, twin.q, atol=1e-13)
     np.testing.assert_array_equal(log.measured[:, 0], log.q[:, 0])
     assert log.sensor_names == ("ruler",)
+    np.testing.assert_allclose(log.warmth[:, 0], 300.0 + log.t[1:], atol=1e-12)
+
+
+@pytest.mark.parametrize("file", ["run.npz", "run.csv"])
+def test_a_quantity_of_a_plant_is_in_its_log_s_files(cart, tmp_path, file):
+    """It is declared and given by the plant alone; nothing else names it."""
+    log = simulate(cart, steer, TARGET, plant=Cart(shy=False), **OPTIONS)
+    log.to_csv(tmp_path / file) if file.endswith("csv") else log.save(tmp_path / file)
+    again = Log.from_csv(tmp_path / file) if file.endswith("csv") else Log.load(tmp_path / file)
+    np.testing.assert_array_equal(again.warmth, log.warmth)
+    assert again.columns("warmth") == (("motor", "K"),)
+    if file.endswith("csv"):
+        assert "warmth.motor (K)" in (tmp_path / file).read_text()
+
+
+def test_a_channel_may_not_hide_a_part_of_the_log(cart):
+    own = Cart(shy=False)
+    own.channels = (*own.channels, LogChannel("summary"))
+    with pytest.raises(InputError, match="no attribute of a log, got summary"):
+        simulate(cart, steer, TARGET, plant=own, **OPTIONS)
 
 
 def test_a_plant_without_a_state_needs_an_observer_and_the_log_has_its_estimates(cart):

@@ -234,11 +234,6 @@ def test_the_command_reports_the_differences_first_and_shows_the_scene(capsys, t
     assert page["runs"][0]["tracks"][0]["note"] == "in finger_scene.xml"
     log = Log.load(tmp_path / "run.npz")
     assert log.plant == "finger_scene.xml"
-    with np.load(tmp_path / "run.npz") as file:  # and an older log without this key
-        about, arrays = json.loads(file["about"].item()), dict(file)
-    del about["plant"]
-    np.savez(tmp_path / "old.npz", **(arrays | {"about": np.array(json.dumps(about))}))
-    assert Log.load(tmp_path / "old.npz").plant is None
     run.main([*arguments, "--json", "-"])
     found = json.loads(capsys.readouterr().out)["plant"]
     assert not found["passed"]

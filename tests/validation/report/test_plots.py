@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
-from softdyn.validation.loop.log import Log
 from softdyn.validation.report import figures, plot_data, plot_style, plots, time_figures
 from softdyn.validation.report.plot_data import PlottedRun, lyapunov_band, thin, thin_path
 from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.sources import load_model
-from tests.support import SCRIPTS
-from tests.support.logs import NOBODY
+from tests.support import SCRIPTS, logs
 
 SCRIPT = SCRIPTS / "benchmark.py"
 NU = {"finger": 2, "helix": 9, "spirob": 3}
@@ -39,18 +37,16 @@ def make_log(case, *, end=1.0, steps=120, failed=False, V=True):
     turn = 4 * np.pi * s if case.kind == "tracking" else 0 * s
     y_ref = np.column_stack((0.1 + 0.08 * np.cos(turn), 0 * s, 0.03 * np.sin(turn) - 0.2))
     u = np.sin(np.outer(20 * s[:n], 1 + np.arange(nu)))
-    return Log(
-        t=t, q=np.zeros((n + 1, 1)), v=np.zeros((n + 1, 1)), y=y_ref + error, y_ref=y_ref,
-        error=error, u=u, V=50 * decay[:n] ** 2 if V else np.full(n, np.nan),
-        delta=np.zeros(n), status=np.full(n, "ok"), step_us=np.full(n, np.nan),
-        u_min=-np.ones(nu), u_max=np.ones(nu), u_unit="0.1 N m",
+    return logs.make_log(
+        t, error, y=y_ref + error, y_ref=y_ref, u=u,
+        V=50 * decay[:n] ** 2 if V else np.full(n, np.nan), delta=np.zeros(n),
+        step_us=np.full(n, np.nan), u_min=-np.ones(nu), u_max=np.ones(nu), u_unit="0.1 N m",
         robot=case.robot, controller=case.controller, kind=case.kind,
         theta=case.value if case.kind == "set_point" else None,
         omega=case.value if case.kind == "tracking" else None,
         duration=duration, period=duration / steps, timestep=duration / steps, length=0.24,
-        joint_names=("j",), contacts=False, complete=end == 1.0, failed=failed or end < 1.0,
-        reason="it diverged" if failed or end < 1.0 else None, not_solved=0, fallbacks=0,
-        max_bound_violation=0.0, gains=None, versions={}, source=NOBODY,
+        complete=end == 1.0, failed=failed or end < 1.0,
+        reason="it diverged" if failed or end < 1.0 else None,
     )  # fmt: skip
 
 
@@ -276,7 +272,7 @@ def test_a_band_holds_every_sample(tmp_path):
     given = run.log.V
     V = given.copy()
     V[2500] *= 1e4  # one sample
-    runs = [replace(run, log=replace(run.log, V=V)) for V in (V, 3 * given, given**2)]
+    runs = [replace(run, log=run.log.altered(V=V)) for V in (V, 3 * given, given**2)]
     band = lyapunov_band(runs)
     curves = np.array([run.log.V / run.log.V[0] for run in runs])
     assert band.high.max() == curves.max()
@@ -306,7 +302,7 @@ def test_samples_that_are_not_finite_are_left_out(tmp_path):
     error, y = log.error.copy(), log.y.copy()
     error[-1] = y[-1] = np.nan
     path = tmp_path / "x.npz"
-    replace(log, error=error, y=y).save(path)
+    log.altered(error=error, y=y).save(path)
     run = PlottedRun.load(case, path)
     assert len(run.log.t) == len(run.error) == len(log.t) - 1
     assert np.isfinite(run.log.y).all()

@@ -13,7 +13,6 @@ import softdyn
 from softdyn import InputError, SetPoint
 from softdyn.safety import HalfSpace, KeepOutSphere, Surroundings
 from softdyn.validation import Log, paper, simulate
-from softdyn.validation.loop.log_checks import SHAPES
 from softdyn.validation.report.replay import comparison, replay, replays, track
 from softdyn.validation.report.time_figures import compare
 from tests.support import ROOT
@@ -62,7 +61,7 @@ def test_frames_are_samples_of_the_log_with_the_input_held_from_them(model, log)
 def test_a_diverged_run_ends_where_it_was_finite_and_says_why(model, log):
     q, error = log.q.copy(), log.error.copy()
     q[200:], error[200:] = np.nan, np.inf
-    bad = replace(log, q=q, error=error, complete=False, failed=True, reason="it <exploded>")
+    bad = log.altered(q=q, error=error, complete=False, failed=True, reason="it <exploded>")
     page = replay(bad, model)
     (found,) = scene(page)["runs"][0]["tracks"]
     assert found["note"] == "failed: it <exploded>"
@@ -72,15 +71,15 @@ def test_a_diverged_run_ends_where_it_was_finite_and_says_why(model, log):
 
 
 def test_a_run_without_a_step_is_a_page_too(model, log):
-    none = replace(
-        log, t=log.t[:1], q=log.q[:1], v=log.v[:1], y=log.y[:1], y_ref=log.y_ref[:1],
+    none = log.altered(
+        t=log.t[:1], q=log.q[:1], v=log.v[:1], y=log.y[:1], y_ref=log.y_ref[:1],
         error=log.error[:1], u=log.u[:0], V=log.V[:0], delta=log.delta[:0],
         status=log.status[:0], step_us=log.step_us[:0], complete=False, failed=True, reason="x",
     )  # fmt: skip
     assert track(none, model).frames.shape == (1, 13)
     q = log.q[:1] * np.nan
-    assert track(replace(none, q=q), model).frames.shape == (0, 13)
-    replay(replace(none, q=q), model).html("x.js")
+    assert track(none.altered(q=q), model).frames.shape == (0, 13)
+    replay(none.altered(q=q), model).html("x.js")
 
 
 def test_a_long_run_has_a_bounded_number_of_frames(model, log):
@@ -91,7 +90,7 @@ def test_a_long_run_has_a_bounded_number_of_frames(model, log):
     }
     u = np.zeros((n, 2))
     rest = dict.fromkeys(("V", "delta", "step_us"), np.zeros(n)) | {"status": np.array([""] * n)}
-    long = replace(log, t=np.arange(n + 1) * 0.005, u=u, **grown, **rest)
+    long = log.altered(t=np.arange(n + 1) * 0.005, u=u, **grown, **rest)
     assert len(track(long, model).frames) <= 6001
 
 
@@ -121,7 +120,7 @@ def test_side_by_side_robots_do_not_overlap(model, log):
 
 def test_obstacles_stand_once_in_one_place_and_beside_every_robot(model, log):
     around = Surroundings([KeepOutSphere([0.1, 0.0, -0.05], 0.02), HalfSpace([0, 0, 1], -0.2)])
-    among = replace(log, obstacles=around.table, reserve=np.ones((len(log.t), 2)))
+    among = replace(log, obstacles=around.table)
     count = len(replay(log, model).figures[0].data["shapes"])
     assert len(replay(among, model).figures[0].data["shapes"]) == count + 2
     together = comparison([among, log], [model] * 2)
@@ -206,11 +205,11 @@ def test_a_log_has_annotations_and_a_floating_base(tmp_path):
 
 def test_replay_draws_saved_runs(call, log, tmp_path):
     log.save("a.npz")
-    rows = {"samples": 3, "steps": 2}  # the last of them not finite
-    cut = {name: getattr(log, name)[: rows.get(axes[0])] for name, axes in SHAPES.items()}
+    cut = {name: one.values[: 3 - one.held] for name, one in log.channels.items()}
     error = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [np.nan] * 3])
     cut |= {"error": error, "y": error, "y_ref": np.zeros((3, 3)), "u": np.ones_like(cut["u"])}
-    lost = replace(log, **cut, complete=False, failed=True, reason="it diverged")
+    cut["q"] = np.where([[False]] * 2 + [[True]], np.nan, cut["q"])  # the last is not finite
+    lost = log.altered(**cut, complete=False, failed=True, reason="it diverged")
     lost.save("lost.npz")
     code, out, err = call("replay", "a.npz", "lost.npz", "--labels", "x", "y", "--plot", "p.png")
     assert (code, out, err) == (0, "p.png\n", "")

@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from softdyn.validation import Integrator, Log, Rig, rollout, rollouts
 from softdyn.validation.rollouts import threads
 from tests.support.cart import CART, DAMPING, LENGTH, MASS, STIFFNESS, load
 from tests.support.command import command
+from tests.support.logs import assert_same
 
 
 @pytest.fixture(scope="module")
@@ -31,17 +32,6 @@ def step_response(t, force):
     omega = math.sqrt(natural - rate**2)
     wave = np.cos(omega * t) + rate / omega * np.sin(omega * t)
     return force / STIFFNESS * (1 - np.exp(-rate * t) * wave)
-
-
-def assert_same(one, other):
-    """Every array of two logs to the bit, and everything else."""
-    for field in fields(Log):
-        a, b = getattr(one, field.name), getattr(other, field.name)
-        if isinstance(a, np.ndarray):
-            assert a.dtype == b.dtype, field.name
-            assert a.tobytes() == b.tobytes(), field.name
-        else:
-            assert a == b, field.name
 
 
 @pytest.mark.parametrize(("scheme", "order"), [(Integrator.IMPLICITFAST, 1), ("rk4", 4)])
@@ -118,7 +108,7 @@ def test_a_rollout_is_a_log(cart, tmp_path):
     assert [track.aims for run in log.show().runs for track in run.tracks] == [False]
     log.plot(tmp_path / "run.png")
     log.to_csv(tmp_path / "run.csv")
-    assert "target" not in (tmp_path / "run.csv").read_text()
+    assert "target" not in (tmp_path / "run.csv").read_text().splitlines()[0]
     done = command(
         "rollout",
         cart.robot.path,

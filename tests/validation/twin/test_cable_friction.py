@@ -11,7 +11,10 @@ import pytest
 import softdyn
 from softdyn import InputError, SoftModel, statics
 from softdyn.actuation import Capstan
+from softdyn.description.robot import PathEnd
+from softdyn.loading import load_text
 from softdyn.validation import Rig, Twin, crosscheck, rollout
+from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support.rubbing import random_arm
 
 
@@ -88,3 +91,59 @@ def test_without_friction_or_without_a_rig_the_plant_is_the_same() -> None:
 def test_a_rig_refuses_impossible_friction(wrong: object) -> None:
     with pytest.raises(InputError, match="friction: expected a finite number >= 0 and <= 10"):
         Rig(friction=wrong)  # type: ignore[arg-type]
+
+
+HOIST = """\
+<robot name="hoist"><link name="world"/>
+  <link name="load"><inertial><mass value="0.5"/>
+    <inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="lift" type="prismatic"><parent link="world"/><child link="load"/>
+    <axis xyz="0 0 1"/><limit lower="-0.3" upper="0.3" effort="1" velocity="1"/>
+    <dynamics damping="2"/></joint>
+  <softdyn version="1">
+    <tendon name="rope" friction="0.25"><site link="world" xyz="-0.02 0 -0.2"/>
+      <cylinder link="world" xyz="0 0 0.5" axis="0 1 0" radius="0.02" side="0 0 0.6"/>
+      <site link="load" xyz="0.02 0 0"/></tendon>
+    <actuator name="pull" tendon="rope" gear="-1" lower="0" upper="30"/>
+  </softdyn>
+</robot>
+"""
+
+
+@pytest.mark.parametrize(("own", "mu"), [("", 0.25), ('friction="0" ', 0.0)])
+def test_a_rope_over_a_pin_lifts_a_load_beyond_euler_s_pull(own: str, mu: float) -> None:
+    """Between weight / e^(μπ) and weight · e^(μπ) it sticks; over a pulley it follows at once."""
+    model = load_text(HOIST.replace('radius="0.02" ', f'radius="0.02" {own}'), path=Path("h.urdf"))
+    weight, factor = 0.5 * 9.81, np.exp(mu * np.pi)
+    cases = (factor * 1.05, 1), (factor / 1.05, 0), (1.05 / factor, 0), (0.95 / factor, -1)
+    for pull, moves in cases:
+        twin = Twin(model, rig=True, timestep=1e-3)
+        twin.advance([weight], 1)  # the friction is that of the step before
+        twin.advance([pull * weight], 300)
+        moved = float(twin.qpos[0])
+        expected = moves if mu else np.sign(pull - 1.0)
+        assert np.sign(moved) * (abs(moved) > 1e-3) == expected, (pull, moved)
+    found = crosscheck(model, samples=4, trajectories=False)
+    (check,) = (check for check in found.checks if check.quantity == "friction") if mu else (None,)
+    assert check is None or check.max_error < 1e-12
+
+
+@pytest.mark.parametrize(("seed", "driven"), [(2, "first"), (2, "last"), (7, "last")])
+def test_cables_around_round_bodies_rub_as_in_the_model(seed: int, driven: str) -> None:
+    robot = wrapped_robot(seed, 2, inside=False)
+    tendons = [
+        replace(
+            tendon, friction=0.3, driven=PathEnd(driven),
+            wraps=tuple(
+                replace(wrap, friction=(None, 0.0, 0.6)[k % 3])
+                for k, wrap in enumerate(tendon.wraps)
+            ),
+        )
+        if tendon.wraps
+        else tendon
+        for tendon in robot.tendons
+    ]  # fmt: skip
+    model = softdyn.build(replace(robot, tendons=tuple(tendons)))
+    found = crosscheck(model, samples=4, trajectories=False)
+    (check,) = (check for check in found.checks if check.quantity == "friction")
+    assert check.max_error < 1e-12

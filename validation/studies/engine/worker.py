@@ -197,7 +197,7 @@ def _without_figures(outcome: str, reason: str) -> CaseResult:
 
 
 def _npz(log: Log) -> bytes:
-    timeless = replace(log, step_us=np.full_like(log.step_us, np.nan))
+    timeless = log.altered(step_us=np.full_like(log.step_us, np.nan))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "log.npz"
         timeless.save(path)
