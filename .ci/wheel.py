@@ -53,6 +53,7 @@ JOBS = {
     ),
     "rollout": ("{robot} --seconds 0.2 --html rollout.html --plot rollout.png --log rollout.csv",),
     "play": ("{robot} --target {target} --no-open",),
+    "drive": ("{robot} --serve",),
     "replay": ("run.npz --html replay.html --plot replay.png",),
     "sweep": ("sweep.toml --jobs 1 --out sweep",),
     "benchmark": (
@@ -69,7 +70,7 @@ LONG = {
     "sweep": ("robustness --robots finger --out robustness --jobs 1",),
     "benchmark": ("--robots finger --controllers ic soft-id-clf-qp --out results",),
 }
-SERVES = "play"  # run until it is ended
+SERVES = ("play", "drive")  # run until they are ended
 # measurements of a finger: its joints under random inputs, each held for 0.1 s
 DATA = """
 import csv
@@ -211,7 +212,7 @@ class Wheel:
             [self.softdyn, *words], cwd=self.folder, env=self.environment, text=True,
             stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         )  # fmt: skip
-        if words[0] == SERVES and "--help" not in words:
+        if words[0] in SERVES and "--help" not in words:
             assert process.stdout is not None
             process.stdout.readline()  # it prints its address, so it serves
             process.send_signal(signal.SIGTERM)

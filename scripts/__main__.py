@@ -16,6 +16,7 @@ COMMANDS = {
     "examine a robot": ("check", "view", "statics", "observe"),
     "compare it with another engine or file": ("crosscheck", "compare", "export"),
     "run one closed loop and look at it": ("run", "rollout", "play", "replay"),
+    "drive a real rig": ("drive",),
     "run many": ("sweep",),
     "repeat the paper": ("benchmark",),
     "time the control step": ("step_time",),

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from softdyn.validation import Log
     from softdyn.validation.live.watching import ViewerCost
     from softdyn.validation.loop.closed_loop import ClosedLoop
+    from softdyn.validation.loop.experiment import Experiment
     from softdyn.validation.mjcf.scene import Scene
 
 EPILOG = """\
@@ -142,33 +143,13 @@ parser.unused("--speed --port --no-open", lambda a: not a.view, "only --view ser
 
 def command(arguments: cli.Arguments) -> int:
     """Build, simulate and report."""
-    from softdyn import Reference
     from softdyn.controllers.registry import one_line_errors
     from softdyn.validation import paper
     from softdyn.validation.loop.arguments import RunOptions
     from softdyn.validation.loop.closed_loop import ClosedLoop
 
     model = cli.load_robot(arguments)
-    more, target = dict[str, Any](), arguments.target
-    if arguments.targets is not None:
-        from softdyn.exceptions import errors_in
-        from softdyn.tasks import tasks_of
-        from softdyn.tasks.marks import recorded_targets
-
-        more["tasks"] = tasks_of(model)
-        reference = recorded_targets(arguments.targets, more["tasks"])
-        times = sorted({t for path in reference.motions.values() for t in path.times.tolist()})
-        for t, name in ((t, name) for t in times for name in reference.motions):
-            goal = reference.motions[name](t)
-            if goal.y.shape == (4, 4) or isinstance(goal, Reference):
-                with errors_in(f"{arguments.targets}: {name} at {t:g} s"):
-                    paper.check_reach(model, goal.y[:3, 3] if goal.y.ndim == 2 else goal.y)
-        target = reference(0.0).y
-    experiment = paper.experiment(
-        model, theta=arguments.theta, omega=arguments.omega, target=target, period=arguments.period
-    )
-    if arguments.targets is not None:
-        experiment = replace(experiment, reference=reference, duration=times[-1])
+    experiment, more = goal_of(model, arguments)
     plant = make_plant(model, arguments)
     around = make_surroundings(arguments.obstacles)
     with naming(model):
@@ -218,6 +199,34 @@ def command(arguments: cli.Arguments) -> int:
     cli.write_report(report, arguments.json, "\n".join([text, *(f"wrote {f}" for f in files)]))
     done = not log.failed if arguments.no_verdict else report["reached"]
     return cli.PASSED if done else cli.FAILED
+
+
+def goal_of(model: SoftModel, arguments: cli.Arguments) -> tuple[Experiment, dict[str, Any]]:
+    """The reference of a run, and the controller's further arguments: the tasks of --targets."""
+    from softdyn import Reference
+    from softdyn.validation import paper
+
+    more, target = dict[str, Any](), arguments.target
+    if arguments.targets is not None:
+        from softdyn.exceptions import errors_in
+        from softdyn.tasks import tasks_of
+        from softdyn.tasks.marks import recorded_targets
+
+        more["tasks"] = tasks_of(model)
+        reference = recorded_targets(arguments.targets, more["tasks"])
+        times = sorted({t for path in reference.motions.values() for t in path.times.tolist()})
+        for t, name in ((t, name) for t in times for name in reference.motions):
+            goal = reference.motions[name](t)
+            if goal.y.shape == (4, 4) or isinstance(goal, Reference):
+                with errors_in(f"{arguments.targets}: {name} at {t:g} s"):
+                    paper.check_reach(model, goal.y[:3, 3] if goal.y.ndim == 2 else goal.y)
+        target = reference(0.0).y
+    experiment = paper.experiment(
+        model, theta=arguments.theta, omega=arguments.omega, target=target, period=arguments.period
+    )
+    if arguments.targets is not None:
+        experiment = replace(experiment, reference=reference, duration=times[-1])
+    return experiment, more
 
 
 def unmodelled(observer: Any) -> tuple[str, float | None]:

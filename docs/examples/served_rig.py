@@ -6,6 +6,7 @@ softdyn drive ROBOT CONTROLLER --driver served_rig.py:ServedRig --target X Y Z
 import json
 import math
 import os
+import select
 import socket
 
 PORT = int(os.environ.get("SERVED_RIG", "7600"))
@@ -46,11 +47,8 @@ class ServedRig:
 
     def lines(self):
         """The messages that have come; this never waits."""
-        while True:
-            try:
-                data = self.link.recv(1 << 16, socket.MSG_DONTWAIT)
-            except BlockingIOError:
-                break
+        while select.select([self.link], [], [], 0)[0]:
+            data = self.link.recv(1 << 16)
             if not data:
                 raise ConnectionError("the rig has closed the connection")
             self.rest += data

@@ -8,7 +8,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Thread, current_thread, main_thread
 from typing import Any
@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from tqdm.auto import tqdm
 
-from softdyn import InputError, SoftModel
+from softdyn import InputError, SoftModel, State
+from softdyn.actuation import CommandKind, Winches
 from softdyn.checks import array, number
 from softdyn.dynamics.model import check_model
 from softdyn.estimation import Ekf, Observer
@@ -38,6 +39,7 @@ SIGNALS = {
 SWITCH = 1e-4  # s; another thread gives the interpreter back after so long
 COLLECT = 1.0  # s between two collections of garbage, in the idle part of a period
 IDLE = 0.5  # of a period that must be left for one
+WARM = 20  # calls of copies of observer and controller before the run
 SHOWN = 0.2  # s between two looks of the progress bar
 
 
@@ -124,8 +126,8 @@ def drive(
 class Drive:
     """A run on a real rig, made ready before it begins.
 
-    The constructor opens nothing. It prepares the controller for the reference, and calls copies of
-    controller and observer once, so that everything is compiled. `run` starts the driver, keeps the
+    The constructor opens nothing. It prepares the controller for the reference. `run` calls copies
+    of controller and observer, so that everything is compiled. Then it starts the driver, keeps the
     period, and always ends with ``driver.stop()``.
 
     Parameters
@@ -187,7 +189,7 @@ class Drive:
         if hold is not None:
             hold = array("hold", hold, (model.nu,))
         self._rig = RealRig(model, driver, safe, period, controller, hold, source)
-        inner = timeless_ekf(model) if observer is None else observer
+        inner = Ekf(model) if observer is None else observer
         seeing = SeeingObserver(inner, self._rig, safe)
         self._spare = another(driver, model) if watchdog else None
         options = RunOptions(
@@ -197,19 +199,27 @@ class Drive:
             aim = reference.reference if isinstance(reference, Experiment) else reference
             controller.prepare(aim)
         self.loop = ClosedLoop(model, controller, reference, options)
-        self._warm(controller, inner)
+        self._actors = controller, inner
         self.clock, self._now = Deadlines(period, source), source.now
 
-    def _warm(self, controller: Any, observer: Any) -> None:
-        """Call copies of observer and controller once, so that nothing is compiled in the run."""
-        model, rig = self._model, self._rig
+    def _warm(self) -> None:
+        """Let copies of observer and controller work, so that nothing is compiled in the run.
+
+        It follows the fork of the watchdog: the first use of a page of memory after it is slow.
+        """
+        model, rig, period = self._model, self._rig, self.loop.grid.period
         state = model.state(model.q0, np.zeros(model.nv))
         readings = np.asarray(model.measure(state, rig.relaxed))
         with suppress(Exception):  # a user's object that cannot be copied is not called
-            again = copy.deepcopy((controller, observer))
-            for k in range(3):
-                again[1].step(k * self.loop.grid.period, readings, rig.sent)
-                again[0](state, self.loop.reference(0.0))
+            controller, observer = copy.deepcopy(self._actors)
+            seeing = SeeingObserver(observer, rig, self._safe)
+            for k in range(WARM):
+                rig.read.new = readings
+                rig.read.stamps = np.full(len(readings), rig.begin + (k - 1) * period)
+                seen = seeing.step(k * period, readings, rig.sent)
+                controller(model.state(seen.q, seen.v), self.loop.reference(0.0))
+        rig.read.clear()
+        self._safe.clear()
 
     def run(
         self, *, progress: bool = False, on_step: Callable[[ControlStep], None] | None = None
@@ -229,6 +239,7 @@ class Drive:
         try:
             with _signals(heard), _quiet_interpreter(), self._progress(progress):
                 try:
+                    self._warm()
                     self._rig.open()
                     self._steps(heard, watchdog, on_step)
                     self._relax(heard, watchdog)
@@ -376,10 +387,50 @@ class Drive:
             thread.join()
 
 
-def timeless_ekf(model: SoftModel, disturbances: Any = ()) -> Ekf:
-    """A filter of the file's sensors that takes each reading when it comes, at any time."""
-    sensors = [replace(sensor, rate=0.0) for sensor in model.robot.sensors]
-    return Ekf(model, sensors, disturbances)
+class _Held:
+    """A controller and its output: the forces u (nu,) that constant commands give."""
+
+    name = "constant commands"
+
+    def __init__(self, model: SoftModel, commands: np.ndarray) -> None:
+        self._winches, self._commands, self.u = Winches(model), commands, np.zeros(model.nu)
+        speeds = [actuator.command is CommandKind.VELOCITY for actuator in model.robot.actuators]
+        self._forces = ~np.array(speeds, bool)
+
+    def __call__(self, state: State, reference: Any) -> _Held:
+        """The forces at a state; those of velocities are not known."""
+        forces = self._winches.tensions(state, self._commands)
+        self.u = np.where(self._forces, forces, 0.0)
+        return self
+
+
+def hold_commands(model: SoftModel, commands: Any, driver: Driver, **options: Any) -> Drive:
+    """A run in which a rig gets constant commands, after their ramp.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot with its rig.
+    commands : array_like, (nu,)
+        Forces, free lengths (m) or velocities, as the file's motors state.
+    driver : Driver
+        The rig's driver.
+    **options : Any
+        Those of `Drive`.
+
+    Raises
+    ------
+    InputError
+        As for `Drive`, and for commands beyond the bounds of their motors.
+    """
+    values = array("hold", commands, (model.nu,))
+    winches = Winches(model)
+    bounds = zip(model.robot.actuators, values, winches.lower, winches.upper, strict=True)
+    for actuator, value, lower, upper in bounds:
+        if actuator.command is not CommandKind.VELOCITY and not lower <= value <= upper:
+            expected = f"a command of {actuator.name!r} from {lower:g} to {upper:g}"
+            raise InputError("hold", expected, f"{value:g}")
+    return Drive(model, _Held(model, values), nowhere, driver, hold=values, **options)
 
 
 @contextmanager

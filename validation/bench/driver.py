@@ -107,8 +107,13 @@ class NewestReadings:
     """
 
     def __init__(self, size: int) -> None:
-        self.values, self.stamps, self.new = np.full((3, size), np.nan)
-        self._before = np.full(size, -np.inf)
+        self._size = size
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all readings."""
+        self.values, self.stamps, self.new = np.full((3, self._size), np.nan)
+        self._before = np.full(self._size, -np.inf)
 
     def take(self, values: Any, stamps: Any, now: float) -> None:
         """Add what a driver has read by the time `now` (s).

@@ -135,6 +135,10 @@ class FailSafe:
             maxlen=max(round(limits.lost / period), 1)
         )
 
+    def clear(self) -> None:
+        """Forget all innovations."""
+        self._innovations.clear()
+
     def readings(self, read: NewestReadings, now: float) -> None:
         """Stop at a reading that is too old at the time `now` (s), or out of its limits."""
         age = now - read.stamps

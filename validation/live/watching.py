@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter_ns
 
+import numpy as np
+
 from softdyn.description.visuals import Visual
 from softdyn.tasks.marks import marks_of, target_row
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.labels import controller_title
 from softdyn.validation.loop.log import Log
-from softdyn.validation.loop.record import tasks_in
+from softdyn.validation.loop.record import ControlStep, tasks_in
 from softdyn.validation.studies import experiments
 from softdyn.view.live.channel import Channel
 from softdyn.view.live.frames import Columns
@@ -83,6 +85,22 @@ def open_watch_page(
     return Channel(page, figure, replayed=replayed, title=robot, port=port)
 
 
+def columns_of(loop: ClosedLoop) -> Columns:
+    """The columns of a frame of a loop's page."""
+    marks = marks_of(tasks_in(loop.controller))
+    return Columns(loop.model, sum(len(mark.columns) for mark in marks))
+
+
+def frame_of(columns: Columns, loop: ClosedLoop, step: ControlStep, **timing: float) -> np.ndarray:
+    """A frame of a loop's page; `timing` has its `misses`, `pace`, `step_us` and `wake_us`."""
+    goal, tasks = loop.reference(step.t), tasks_in(loop.controller)
+    return columns.frame(
+        t=step.t, q=loop.model.coordinates(step.plant.q), y=step.plant.y, u=step.acting,
+        targets=target_row(tasks, goal), y_ref=goal.y,
+        V=getattr(step.output, "V", float("nan")), **timing,
+    )  # fmt: skip
+
+
 def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, ViewerCost]:
     """Run a loop while pages show it.
 
@@ -100,8 +118,7 @@ def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, 
     tuple[Log, ViewerCost]
         The run, and the cost of showing it.
     """
-    model, tasks, shown = loop.model, tasks_in(loop.controller), 0
-    columns = Columns(model, sum(len(mark.columns) for mark in marks_of(tasks)))
+    columns, shown = columns_of(loop), 0
     clock = Clock(loop.grid.period, speed, keep=loop.grid.steps)
     channel.state({"law": controller_title(loop.name), "speed": speed})
     with loop.log_in_errors():
@@ -113,15 +130,11 @@ def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, 
             if step is None:
                 break
             if clock.frame(RATE):
-                state, output, goal = step.plant, step.output, loop.reference(step.t)
-                channel.frame(
-                    columns.frame(
-                        t=step.t, q=model.coordinates(state.q), y=state.y,
-                        u=step.acting, targets=target_row(tasks, goal), y_ref=goal.y,
-                        V=getattr(output, "V", float("nan")), misses=clock.misses, pace=clock.pace,
-                        step_us=clock.worst_step, wake_us=clock.worst_wake,
-                    )
+                row = frame_of(
+                    columns, loop, step, misses=clock.misses, pace=clock.pace,
+                    step_us=clock.worst_step, wake_us=clock.worst_wake,
                 )  # fmt: skip
+                channel.frame(row)
                 clock.worst_step = clock.worst_wake = 0.0
                 shown += 1
             loop.advance()

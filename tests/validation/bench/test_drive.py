@@ -43,7 +43,7 @@ def run(model, rig, controller=None, duration=0.3, **more):
 
 
 def test_driven_and_simulated_end_at_the_same_tip(model, rig):
-    target = SetPoint(model.state(np.array([0.4, -0.3]), np.zeros(2)).y)
+    target = SetPoint(model.state(np.array([0.2, 0.7]), np.zeros(2)).y)
     real = drive(
         model, best(model), target, NearDriver(model), period=PERIOD, duration=2.0,
         watchdog=False, source=rig.hands.source,

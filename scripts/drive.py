@@ -1,0 +1,254 @@
+#!/usr/bin/env python3
+"""Run a closed loop on a real rig, by a driver of your own."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+from softdyn.commands import cli
+from softdyn.commands.run import controller_of, goal_of, naming, unmodelled
+
+if TYPE_CHECKING:
+    from softdyn import SoftModel
+    from softdyn.validation.bench.drive import Drive, Driven
+
+EPILOG = """\
+--driver FILE.py:CLASS is your class for the rig. It is built as CLASS(model) and needs start(),
+read(), send(commands) and stop(); docs/bench.md has one of 30 lines. read() returns the newest
+readings of the file's sensors and their times in seconds of time.monotonic(), NaN where nothing is
+new. send() gets forces, free lengths or velocities, as the file's motors state. stop() relaxes the
+cables; it may be called at any time, and twice.
+
+CONTROLLER, --theta, --omega, --target, --targets and --gains are those of softdyn run. The state
+is estimated from the readings; --observer names disturbances to estimate or a class of your own, as
+for softdyn run.
+
+--hold C ... sends these constant commands instead of a controller's, to check directions, units and
+zero. CONTROLLER and a target are then left out.
+
+The commands rise over --ramp seconds, and fall as long after the end. The run stops at once, and
+stop() is called, at Ctrl-C, SIGTERM and SIGHUP; at an exception of controller, observer or driver;
+at a reading older than --stale, outside its <sensor lower upper>, or of a tension beyond the bounds
+of its motors; at a command that is not finite; after --missed deadlines in a row; and when the
+innovations of the estimate over --lost seconds are beyond the 1 - 1e-6 quantile of chi-square. If
+the program itself is killed or blocks for 100 ms, another process kills it and relaxes the rig by a
+second driver; it writes the log up to there.
+
+--serve simulates the rig of the file in real time on 127.0.0.1 and prints its port. Its driver is
+docs/examples/served_rig.py:ServedRig. Its docstring shows how to let readings fail.
+
+exit codes: 0 reached (--no-verdict: not failed; --hold and --serve: done); 1 not reached, or
+stopped for any other cause than Ctrl-C; 2 bad input; 130 Ctrl-C. Where the watchdog has to kill the
+program, its code is that of a killed one.
+"""
+PORT = 7600
+
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("robot", metavar="ROBOT")
+cli.add_robot_options(parser)
+parser.add_argument("controller", metavar="CONTROLLER", nargs="?")
+parser.add_argument("--driver", metavar="FILE.py:CLASS", help="the driver of your rig")
+goal = parser.add_mutually_exclusive_group()
+goal.add_argument("--theta", type=cli.finite, metavar="T", help="set point at T pi")
+goal.add_argument("--omega", type=cli.positive, metavar="W", help="track at W pi rad/s, two cycles")
+goal.add_argument(
+    "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="set point in m"
+)
+goal.add_argument("--targets", metavar="FILE", help="paths of the tasks in the file, a CSV file")
+goal.add_argument("--hold", type=cli.finite, nargs="+", metavar="C", help="constant commands")
+goal.add_argument("--serve", action="store_true", help="simulate the rig instead, in real time")
+parser.add_argument(
+    "--observer", metavar="WHICH", default="", help="disturbances, or FILE.py:CLASS"
+)
+parser.add_argument("--gains", metavar="FILE", help="gains, a TOML file")
+parser.add_argument(
+    "--period", type=cli.positive, metavar="S",
+    help="control period in s (default: the paper's, 0.005 for other robots)",
+)  # fmt: skip
+parser.add_argument("--duration", type=cli.positive, metavar="S", help="length of the run in s")
+parser.option("--ramp", cli.finite, "S", "time in which the commands rise and fall", 0.5)
+parser.option("--stale", cli.positive, "S", "largest age of a reading", 0.1)
+parser.option("--missed", cli.count, "N", "deadlines missed in a row that stop the run", 5)
+parser.option("--lost", cli.positive, "S", "time over which the estimate is judged", 0.2)
+parser.add_argument("--tolerance", type=cli.positive, metavar="M", help="tolerance in m")
+parser.add_argument("--no-verdict", action="store_true", help="exit with 0 unless the run failed")
+parser.output("--log", "FILE", "write the run as NPZ, or as CSV where FILE ends in .csv")
+parser.output("--html", "FILE", "write the run as a page that replays it")
+parser.add_argument("--view", action="store_true", help="show the run live in the browser")
+parser.option("--seed", cli.whole, "N", "seed of the noise of --serve", 0)
+cli.add_server_options(parser)
+cli.add_json(parser)
+parser.unused("--no-open", lambda a: not a.view, "only --view opens a page")
+parser.unused(
+    "--port", lambda a: not (a.view or a.serve), "only --view and --serve serve something"
+)
+parser.unused("--seed", lambda a: not a.serve, "only --serve has noise of its own")
+
+HELD = 0.005  # s, the period of a robot that is not bundled
+
+
+def command(arguments: cli.Arguments) -> int:
+    """Make everything ready, run, and report."""
+    from softdyn import InputError
+
+    check(arguments)
+    model = cli.load_robot(arguments)
+    if arguments.serve:
+        return serve(model, arguments)
+    from softdyn.validation.bench.fail_safe import Cause, Limits
+
+    limits = Limits(arguments.stale, arguments.missed, arguments.lost, arguments.ramp)
+    drive = hold(model, arguments, limits) if arguments.hold else make(model, arguments, limits)
+    driven = view(drive, arguments) if arguments.view else drive.run(progress=True)
+    log = driven.log
+    if driven.error is not None:
+        say_trace(driven.error)
+    if driven.cause is not Cause.END:
+        print(f"stopped by {driven.cause.value}: {driven.reason}", file=sys.stderr)
+    files = [f for f in (arguments.html, arguments.json) if f not in (None, "-")]
+    if arguments.log is not None:
+        try:
+            cli.save_log(log, arguments.log)
+            files.insert(0, arguments.log)
+        except InputError as error:  # of a run that ended before its first step
+            print(f"warning: {error}", file=sys.stderr)
+    if arguments.html is not None:
+        log.show(model).save(arguments.html)
+    report = log.report(arguments.tolerance)
+    report |= {"stopped_by": driven.cause.value, "stopped": driven.reason}
+    text = f"{log.summary(tolerance=arguments.tolerance)}\nstopped by     {driven.cause.value}"
+    observation = drive.loop.loop.observation
+    if observation is not None and not arguments.hold:
+        line, report["process_noise"] = unmodelled(observation.observer.observer)
+        text = f"{text}\n{line}".rstrip()
+    if arguments.hold:
+        text = f"{text}\n{held_text(log, model)}"
+    cli.write_report(report, arguments.json, "\n".join([text, *(f"wrote {f}" for f in files)]))
+    if driven.cause is Cause.CTRL_C:
+        return cli.INTERRUPTED
+    if driven.cause is not Cause.END:
+        return cli.FAILED
+    done = not log.failed if arguments.no_verdict or arguments.hold else report["reached"]
+    return cli.PASSED if done else cli.FAILED
+
+
+def check(arguments: cli.Arguments) -> None:
+    """Refuse arguments that do not belong together."""
+    a = arguments
+    aims = [a.theta, a.omega, a.target, a.targets]
+    if a.serve:
+        if a.controller is not None or a.driver is not None:
+            parser.error("argument --serve: not allowed with a CONTROLLER or --driver")
+        return
+    if a.driver is None:
+        parser.error("argument --driver: expected FILE.py:CLASS, or --serve, got neither")
+    if a.hold is not None:
+        if a.controller is not None:
+            parser.error("argument --hold: not allowed with a CONTROLLER")
+    elif a.controller is None or all(aim is None for aim in aims):
+        parser.error("expected a CONTROLLER with a target (--target, --theta …), or --hold")
+    if a.ramp < 0:
+        parser.error("argument --ramp: expected a number >= 0")
+
+
+def make(model: SoftModel, arguments: cli.Arguments, limits: Any) -> Drive:
+    """The run of a controller."""
+    from softdyn.controllers.registry import one_line_errors
+    from softdyn.validation.bench.drive import Drive
+    from softdyn.validation.bench.driver import make_driver
+    from softdyn.validation.loop.observation import make_observer
+
+    experiment, more = goal_of(model, arguments)
+    driver = make_driver(arguments.driver, model)
+    with naming(model):
+        controller = controller_of(model, arguments.controller, arguments.gains, **more)
+    observer = make_observer(model, "file", arguments.observer)
+    with one_line_errors(arguments.controller, "a command"):
+        return Drive(
+            model, controller, experiment, driver, observer,
+            period=arguments.period or (experiment.period if model.bundled else HELD),
+            duration=arguments.duration or experiment.duration, limits=limits,
+            name=arguments.controller, log_to=arguments.log,
+        )  # fmt: skip
+
+
+def hold(model: SoftModel, arguments: cli.Arguments, limits: Any) -> Drive:
+    """The run of constant commands."""
+    from softdyn.validation.bench.drive import hold_commands
+    from softdyn.validation.bench.driver import make_driver
+
+    return hold_commands(
+        model, arguments.hold, make_driver(arguments.driver, model),
+        period=arguments.period or HELD, duration=arguments.duration or 3.0, limits=limits,
+        log_to=arguments.log,
+    )  # fmt: skip
+
+
+def held_text(log: Any, model: SoftModel) -> str:
+    """The readings at the end beside the model's at rest under the same forces."""
+    import numpy as np
+
+    state = model.state(log.q[-1], log.v[-1])
+    expected = np.asarray(model.measure(state, log.acting[-1]))
+    rows = zip(log.sensor_names, log.measured[-1], expected, log.sensor_units, strict=True)
+    lines = [f"{'reading':16}{'measured':>12}{'estimated':>12}"]
+    lines += [f"{name:16}{read:12.5g}{there:12.5g} {unit}" for name, read, there, unit in rows]
+    return "\n".join(lines)
+
+
+def view(drive: Drive, arguments: cli.Arguments) -> Driven:
+    """Run while a browser shows it; the page is served by another process."""
+    from softdyn.validation.live import watching
+    from softdyn.view.live.pacing import RATE
+
+    loop = drive.loop
+    columns = watching.columns_of(loop)
+    every = max(round(1 / (RATE * loop.grid.period)), 1)
+    with watching.open_watch_page(loop, arguments.port) as channel:
+        print(channel.url, file=sys.stderr, flush=True)
+        if not arguments.no_open:
+            channel.open()
+        channel.wait(watching.WAIT)
+
+        def show(step: Any) -> None:
+            if loop.steps % every == 0:
+                clock, spent = drive.clock, loop.loop.nanoseconds / 1e3
+                timing = {"misses": clock.missed, "wake_us": 1e6 * clock.late, "step_us": spent}
+                channel.frame(watching.frame_of(columns, loop, step, pace=1.0, **timing))
+
+        driven = drive.run(on_step=show)
+        channel.state({"notice": driven.reason or "done", "paused": True})
+        channel.leave(driven.log.show(loop.model).html())
+    return driven
+
+
+def serve(model: SoftModel, arguments: cli.Arguments) -> int:
+    """Simulate the rig until the command is ended."""
+    from softdyn.validation.bench.served import ServedRig
+    from softdyn.validation.twin.twin import SimulationError
+
+    with cli.ends_cleanly():
+        rig = ServedRig(model, arguments.port or PORT, arguments.seed)
+        cli.say(f"serving {model.name} on 127.0.0.1:{rig.port}; Ctrl-C ends it")
+        try:
+            rig.serve()
+        except SimulationError as error:
+            print(f"error: the simulated rig diverged at {error.time:g} s: {error.reason}",
+                  file=sys.stderr)  # fmt: skip
+        return cli.FAILED  # told to die
+    return cli.PASSED
+
+
+def say_trace(error: BaseException) -> None:
+    """Print the traceback of an exception of the user's own code."""
+    import traceback
+
+    from softdyn.exceptions import own_frames
+
+    own = own_frames(error)
+    if own is not None:
+        traceback.print_exception(type(error), error, own)
+
+
+main = cli.program(parser, command, __name__)

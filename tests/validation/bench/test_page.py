@@ -1,0 +1,68 @@
+"""docs/bench.md from its file to a driven arm, word for word, on a clock of its own."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+import softdyn
+from softdyn.validation import Log
+from softdyn.validation.bench import drive as driving
+from tests.support.benched import NearDriver, tower
+from tests.support.command import command
+
+ROOT = Path(__file__).resolve().parents[3]
+PAGE = (ROOT / "docs/bench.md").read_text(encoding="utf-8")
+NEAR = "from tests.support.benched import NearDriver as ServedRig\n"
+
+
+def shown(words: str) -> list[str]:
+    """The only command of the page that begins with these words."""
+    (line,) = re.findall(rf"(?m)^softdyn ({re.escape(words)}.*)$", PAGE)
+    return shlex.split(line)
+
+
+@pytest.fixture
+def bench(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (text,) = re.findall(r"Save as `bench.toml`\n\n```toml\n(.*?)```", PAGE, re.S)
+    Path("bench.toml").write_text(text)
+    assert command(*shown("new bench.toml"))[0] == 0
+    Path("served_rig.py").write_text(NEAR)
+    rig = tower(softdyn.load("bench.urdf"))
+    made = partial(driving.Drive, watchdog=False, source=rig.hands.source)
+    monkeypatch.setattr(driving, "Drive", made)
+    return rig
+
+
+def test_the_driver_of_the_page_is_the_example():
+    (text,) = re.findall(r"Save as `served_rig.py`\n\n```python\n(.*?)```", PAGE, re.S)
+    assert text == (ROOT / "docs/examples/served_rig.py").read_text(encoding="utf-8")
+    methods = text[text.index("class ServedRig") :]
+    assert len(methods.splitlines()) <= 50
+
+
+def test_a_cable_that_is_pulled_becomes_shorter(bench):
+    code, out, err = command(*shown("drive bench.urdf --driver"))
+    assert code == 0, err
+    assert "stopped by     planned end" in out
+    rows = {line.split()[0]: line.split()[1:3] for line in out.splitlines() if "encoder" in line}
+    pulled, *others = (float(rows[f"encoder_lower_{k}"][0]) for k in (1, 2, 3))
+    assert pulled < min(others)
+    assert all(abs(float(read) - float(there)) < 3e-3 for read, there in rows.values())
+
+
+def test_the_first_loop(bench):
+    code, out, err = command(*shown("drive bench.urdf best"))
+    assert code == 0, out + err
+    log = Log.load("driven.npz")
+    assert log.complete
+    assert "reached: |e| fell from" in out
+    assert "0 deadlines missed" in out
+    assert 0.8e6 < Path("driven.html").stat().st_size < 1.5e6
+    assert NearDriver.tower.stops == 1
+    assert bench.rig.state()["relaxed_at"] is not None
