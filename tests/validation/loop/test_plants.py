@@ -10,6 +10,7 @@ import pytest
 from softdyn import InputError
 from softdyn.validation import Log, rollout, simulate
 from softdyn.validation.channels import LogChannel
+from softdyn.validation.loop.loop import ControlLoop
 from softdyn.validation.loop.plants import Plant
 from softdyn.validation.twin.twin import SimulationError
 from tests.support.cart import DAMPING, MASS, STIFFNESS, TARGET, steer
@@ -95,6 +96,16 @@ def test_a_channel_may_not_hide_a_part_of_the_log(cart):
     own.channels = (*own.channels, LogChannel("summary"))
     with pytest.raises(InputError, match="no attribute of a log, got summary"):
         simulate(cart, steer, TARGET, plant=own, **OPTIONS)
+
+
+def test_a_loop_is_stepped_without_a_record(cart):
+    log = simulate(cart, steer, TARGET, plant=Cart(shy=False), **OPTIONS)
+    loop = ControlLoop(cart, Cart(shy=False), steer)
+    loop.plant.start(log.q[0], log.v[0])
+    for k, t in enumerate(log.t[:-1].tolist()):
+        loop.step(t, TARGET(t), 20)
+        np.testing.assert_array_equal(loop.state.q, log.q[k])
+        np.testing.assert_array_equal(loop.u, log.u[k])
 
 
 def test_a_plant_without_a_state_needs_an_observer_and_the_log_has_its_estimates(cart):
