@@ -1,4 +1,4 @@
-"""The covariance of an extended Kalman filter: prediction, and updates in Joseph's form.
+"""The covariance of an extended Kalman filter: prediction, updates in Joseph's form, corrections.
 
 The errors are those of q and q̇ (2n), of the disturbances (nd) and their rates (nr), and of the
 predicted values of late readings, which wait for their arrival. They stay as they are until then.
@@ -11,6 +11,9 @@ from functools import partial
 import numpy as np
 
 from softdyn.compiled import compiled
+from softdyn.dynamics.model import SoftModel
+
+ROUNDED, RIDGE = 1e-12, 1e-12  # rad or m; share of a variance
 
 
 @compiled
@@ -211,3 +214,41 @@ def moved(q, v, d, change, lower, upper):
     for i in range(len(d)):
         d[i] += change[2 * n + i]
     return True
+
+
+def onto_stops(model: SoftModel, at: np.ndarray, asked: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """The correction (s,) that ends within the joint limits, nearest to `asked` in P⁻¹.
+
+    It is the projection of Simon and Chia (2002). To clip each joint alone would leave the others
+    where they fit a shape that the robot cannot have.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot's model.
+    at : ndarray, (n,)
+        Joint coordinates that it corrects.
+    asked : ndarray, (s,)
+        A correction, of q first.
+    P : ndarray, (s, s)
+        Covariance of the errors.
+    """
+    n, change = model.nv, asked.copy()
+    held = np.zeros(n, bool)
+    for _ in range(n):
+        there = at + change[:n]
+        beyond = (there > model.upper + ROUNDED) | (there < model.lower - ROUNDED)
+        beyond &= np.diag(P)[:n] > 0
+        if not (beyond & ~held).any():
+            break
+        held |= beyond
+        k = np.flatnonzero(held)
+        wanted = at[k] + asked[k]
+        target = np.clip(wanted, model.lower[k], model.upper[k]) - wanted
+        variances = P[np.ix_(k, k)] + np.diag(RIDGE * np.diag(P)[k])
+        change = asked + P[:, k] @ np.linalg.solve(variances, target)
+    there = at + change[:n]
+    inside = np.clip(there, model.lower, model.upper)
+    if (inside != there).any():  # by rounding
+        change[:n] = inside - at
+    return change
