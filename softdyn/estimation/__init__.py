@@ -7,9 +7,9 @@
 
 - `ekf`, `parameters`: the extended Kalman filter, and the deviations that it assumes;
 - `estimate`: what it returns, and what an observer of a closed loop is;
-- `onto_stops`: a correction that ends within the joint limits;
-- `covariance`, `drift`: prediction and updates of the covariance, with disturbances that change;
-- `arrivals`, `second_order`: rates and latencies of sensors, and readings of a poorly known state;
+- `covariance`, `drift`: prediction and updates of the covariance, corrections that end within the
+  joint limits, disturbances that change;
+- `arrivals`: rates and latencies of sensors, late readings, readings of a poorly known state;
 - `observability`: how well and how fast sensors show the state at an equilibrium;
 - `recorded`: the filter over recorded data, with residuals by sensor;
 - `consistency`: normalised errors, and their bounds.

@@ -11,6 +11,12 @@ Jacobian; one that nothing waits for has the value of the nearest time, changed 
 
 A step costs the square of the number of errors. So at most some `MOST_ROWS` of them are late
 readings: where more would wait, the filter expects only readings that are farther apart.
+
+While the state is poorly known, a reading has a part that its Jacobian does not show. With the
+covariance P of q and the second derivatives H of a reading, the second-order filter (Bar-Shalom,
+Li and Kirubarajan 2001, section 10.3) expects the reading ½ tr(H P) away from h(q), and adds
+½ tr(H P H P) to its variance. Without this a first reading of the tip leaves a filter that is sure
+of a wrong shape.
 """
 
 from __future__ import annotations
@@ -26,7 +32,6 @@ from softdyn.checks import number
 from softdyn.description.rig import LONGEST_DELAY, Sensor, SensorKind
 from softdyn.dynamics.model import SoftModel
 from softdyn.estimation.covariance import kept_rows
-from softdyn.estimation.second_order import second_order, sharp
 from softdyn.sensing import Sensors
 
 SAME = 1e-3  # of a sampling interval or a step; times this close are one
@@ -34,6 +39,7 @@ MATCH = 2e-6  # s, between the own times of a reading and of its prediction
 LEAST = 1e-6  # m, rad, …: noise below this is taken as this
 MOST_RATE = 1e9  # Hz; a number of samples stays a whole number
 MOST_ROWS = 150  # late readings that wait, of all channels
+SHARP = 30.0  # times its own variance; a reading that is known as well as this is as good as linear
 
 
 @dataclass(eq=False)
@@ -105,7 +111,7 @@ class SensorChannel:
     ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
         """The readings with their Jacobian at (q, v, u), their known errors and variances.
 
-        They have the nonlinear parts of `softdyn.estimation.second_order` for P (s, s).
+        They have the nonlinear parts of `second_order` for P (s, s).
         """
         predicted = self.sensors.predict(q, v, u)
         if self.linear or sharp(predicted[1], P, self.variance):
@@ -173,10 +179,10 @@ class LateReading:
     predicted : ndarray, (k,)
         The prediction at that time.
     change : ndarray, (k,)
-        The known error, the shift of `softdyn.estimation.second_order`, and the corrections of its
+        The known error, the shift of `second_order`, and the corrections of its
         errors since: to be subtracted from the error.
     variance : ndarray, (k,)
-        See `softdyn.estimation.second_order`.
+        See `second_order`.
     """
 
     channel: SensorChannel
@@ -304,3 +310,35 @@ def sensor_channels(model: SoftModel, sensors: tuple[Sensor, ...]) -> list[Senso
             SensorChannel(read, rows, bias, variance, rate, latency, linear, straight, apart)
         )
     return found
+
+
+def second_order(
+    sensors: Sensors,
+    state: tuple[np.ndarray, np.ndarray, np.ndarray],
+    P: np.ndarray,
+    variance: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The shift of the expected readings (k,), and their variances (k,) with the nonlinear part.
+
+    Parameters
+    ----------
+    sensors : Sensors
+        They evaluate the readings.
+    state : (ndarray, ndarray, ndarray)
+        q (nq,), v (nv,) and u (nu,).
+    P : ndarray, (s, s)
+        Covariance of the errors, those of q first.
+    variance : ndarray, (k,)
+        The readings' own variances.
+    """
+    n = len(state[1])
+    products = sensors.hessians(*state) @ P[:n, :n]
+    shift = 0.5 * np.trace(products, axis1=1, axis2=2)
+    return shift, variance + 0.5 * np.einsum("kij,kji->k", products, products)
+
+
+def sharp(rows, P, variance):
+    """Whether readings with these Jacobians (k, w) are as good as linear."""
+    width = rows.shape[1]
+    known = np.sum(rows @ P[:width, :width] * rows, axis=1)
+    return bool((known < SHARP * variance).all())

@@ -27,6 +27,7 @@ from softdyn.estimation.consistency import chi_squared_bounds
 from softdyn.estimation.covariance import (
     append,
     moved,
+    onto_stops,
     predict,
     symmetrised,
     update,
@@ -34,7 +35,6 @@ from softdyn.estimation.covariance import (
 )
 from softdyn.estimation.drift import DisturbanceDrift
 from softdyn.estimation.estimate import StateEstimate
-from softdyn.estimation.onto_stops import onto_stops
 from softdyn.estimation.parameters import EkfCounts, EkfParameters, disturbances_of
 from softdyn.exceptions import InputError
 from softdyn.sensing import Sensors

@@ -10,7 +10,7 @@ from softdyn.description.rig import Sensor, SensorKind
 from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.implicit_step import ImplicitStep, ImplicitStepResult
 from softdyn.estimation import Disturbance
-from softdyn.estimation.second_order import second_order, sharp
+from softdyn.estimation.arrivals import second_order, sharp
 from softdyn.sensing import Sensors
 from tests.support.balanced import BALANCED, balanced, case
 from tests.support.oracles import relative
