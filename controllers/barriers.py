@@ -25,7 +25,9 @@ until an answer breaks none.
 
 If no admissible input meets the rows, they are relaxed. Then (1 + β τ) s⁺ ≥ s may not hold where
 s > 0, but the guarantee needs s⁺ ≥ 0 only: the step is counted in `braked`. It is counted in
-`relaxed` if s⁺ < 0 for a barrier.
+`relaxed` if s⁺ < 0 for a barrier. Rows are linear, and large inputs can meet them by motions for
+which this is wrong. So beside rows, no joint may move by more than 0.1 rad or 10 mm in a period,
+unless it is as fast already.
 """
 
 from __future__ import annotations
@@ -50,6 +52,7 @@ from softdyn.safety.obstacles import RATE
 from softdyn.safety.obstacles import HalfSpace as HalfSpace
 from softdyn.safety.obstacles import KeepOutSphere as KeepOutSphere
 
+LEAP = 10.0  # of these units, a joint's largest motion in a period
 NEGLIGIBLE = 1e-6  # of a row's unit
 ROUNDS = 8  # largest number of answers that are looked at in a step
 
@@ -142,6 +145,7 @@ class BarrierRows:
     def __init__(self, model: SoftModel, barriers: Sequence[ControlBarrier], tau: float) -> None:
         self._model, self._barriers, self._tau = model, tuple(barriers), tau
         self._qp, self._stops = RelaxedRows(model.u_min, model.u_max), Stops.of(model)
+        self._leap = LEAP * _joint_units(model)
         self.reset()
 
     def reset(self, period: float = 0.0) -> None:
@@ -194,6 +198,15 @@ class BarrierRows:
         steps.append((self._period, *self._hold(state)))
         return [StoppedStep(state, *step, self._stops) for step in steps]
 
+    def _rows(
+        self, found: AllValues, steps: Sequence[StoppedStep], held: Sequence[np.ndarray]
+    ) -> Rows:
+        """The rows of all steps; in a run the period's and its joints' motion come last."""
+        parts = [found.rows(*one) for one in zip(steps, held, strict=True)]
+        if self._hold is not None:
+            parts += steps[-1].motion_within(self._leap, held[-1], self._leap / LEAP)
+        return Rows.joined(parts)
+
     @SILENT
     def enforce(
         self,
@@ -219,7 +232,7 @@ class BarrierRows:
         for _ in range(ROUNDS):
             u = answer.x[: len(wanted)]
             held = [step.held(u, guess) for step, guess in zip(steps, held, strict=True)]
-            rows = Rows.joined([found.rows(*one) for one in zip(steps, held, strict=True)])
+            rows = self._rows(found, steps, held)
             own = np.maximum(rows.excess(u), 0.0)
             if own @ own < excess @ excess:
                 best, excess = answer, own
@@ -232,7 +245,9 @@ class BarrierRows:
             parts = [rows.where(of_these) for rows, of_these in chosen.values()]
             answer, relaxed = self._qp(problem, wanted, Rows.joined(parts), relaxed)
         if excess.max() > 2 * ROOM:
-            lack = float(found.lack(excess, self._period).max())
+            first = (len(steps) - 1) * len(found.b)
+            last = excess[first : first + len(found.b)]
+            lack = float(found.lack(last, self._period).max())
             if lack <= 2 * ROOM:
                 self.braked += 1
             else:
@@ -290,13 +305,13 @@ class AllValues(NamedTuple):
 
         Parameters
         ----------
-        excess : ndarray
-            Excess of the rows of all steps, the period's last.
+        excess : ndarray, (p,)
+            Excess of the period's rows.
         period : float
             T (s).
         """
         if not period:
             return excess
         Tb, spare = period * self.beta, self.rate / self.alpha + self.b
-        lack: np.ndarray = Tb * excess[-len(Tb) :] - np.maximum(spare, 0.0) / self.unit
+        lack: np.ndarray = Tb * excess - np.maximum(spare, 0.0) / self.unit
         return lack / (1 + Tb)

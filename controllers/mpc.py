@@ -38,7 +38,7 @@ from softdyn.controllers.predictive.prediction import ahead, condensed_qp
 from softdyn.controllers.predictive.pulls import FrictionPulls
 from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget, RestTargets
 from softdyn.controllers.predictive.state_filter import StateFilter
-from softdyn.controllers.predictive.stops import JointStops
+from softdyn.controllers.predictive.stops import held_joints, stop_stiffness
 from softdyn.controllers.qps.qp import DenseQp, QpProblem
 from softdyn.dynamics.derivatives import tangent_dynamics
 from softdyn.dynamics.model import check_model
@@ -180,7 +180,6 @@ class Mpc(GuardedController):
         size = len(KNOTS) * model.nu
         self._qp = DenseQp(size, size, guess=True)
         self.solvers = (self._qp,)
-        self._stops = JointStops(model)
         self._pull: Pull | None = None
         given, lag = self.parameters, self.actuation.lag
         self._weigh = partial(
@@ -255,13 +254,13 @@ class Mpc(GuardedController):
         if not (small or (np.isfinite(state.q).all() and np.isfinite(v).all())):
             return self._fall_back(Status.NON_FINITE)
         acting = link.acting
-        held = self._stops.held(state)
+        held = held_joints(state)
         p, speed, unmodelled = self._filter(state, held)
         if self._filter.noisy:  # noise would enter the matrices, too
             state = model.state(model.integrate(state.q, p), speed)
             p, v = np.zeros(model.nv), state.v
         K, D = tangent_dynamics(model, state.q, v, acting)
-        stops = self._stops.stiffness(state, held, by.step)
+        stops = stop_stiffness(state, held, by.step)
         linear = state.M, K + np.diag(stops), D, state.B
         force = state.B @ acting - state.h + unmodelled + D @ v
         first = p, speed

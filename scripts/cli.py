@@ -365,6 +365,13 @@ def save_log(log: Log, path: str) -> None:
     (log.to_csv if path.endswith(".csv") else log.save)(path)
 
 
+def read_log(path: str, model: SoftModel | None = None) -> Log:
+    """Read a log, from CSV if `path` ends in .csv, else from NPZ; `model` as in `Log.from_csv`."""
+    from softdyn.validation import Log
+
+    return Log.from_csv(path, model) if path.endswith(".csv") else Log.load(path)
+
+
 @contextmanager
 def saved_in_errors(path: str | None) -> Iterator[None]:
     """Save the log that an exception of the block carries; a line on stderr says so.

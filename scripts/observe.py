@@ -94,9 +94,8 @@ def along_run(
 
     from softdyn import InputError
     from softdyn.estimation import observe_run
-    from softdyn.validation import Log
 
-    log = Log.load(path)
+    log = cli.read_log(path)
     if log.q.shape[1] != model.nq or log.u.shape[1] != model.nu:
         raise InputError(path, f"a run of {model.name}", f"one of {log.robot}")
     states = [model.state(q, v) for q, v in zip(log.q, log.v, strict=True)]

@@ -6,10 +6,11 @@ from __future__ import annotations
 from softdyn.commands import cli
 
 EPILOG = """\
-LOG is a file of run.py --log or benchmark.py (results/runs/ROBOT/CONTROLLER/CASE.npz). Several logs
-play together in one place, or with --side-by-side next to each other. The page has a timeline with
-the error of each run, and colours cables by tension. It opens from the file system. --plot draws
-errors and inputs, with or without a page.
+LOG is a file of run.py --log or benchmark.py (results/runs/ROBOT/CONTROLLER/CASE.npz), or the same
+as CSV. A CSV that a rig recorded needs --robot, and columns t and q.JOINT. Several logs play
+together in one place, or with --side-by-side next to each other. The page has a timeline with the
+error of each run, and colours cables by tension. It opens from the file system. --plot draws errors
+and inputs, with or without a page.
 
 exit codes: 0 written; 2 bad input.
 """
@@ -28,14 +29,13 @@ cli.add_robot_options(parser)
 parser.unused(
     "--annotations --floating --repair-inertia", lambda a: a.robot is None, "only with --robot"
 )
-parser.unused("--robot --side-by-side", lambda a: a.html is None, "--plot shows no robot")
+parser.unused("--side-by-side", lambda a: a.html is None, "--plot shows no robot")
 parser.unused("--side-by-side", lambda a: a.html and len(a.logs) == 1, "there is one log")
 
 
 def command(arguments: cli.Arguments) -> int:
     """Read the logs and write the page."""
     import softdyn
-    from softdyn.validation import Log
     from softdyn.validation.report.replay import comparison, replay
 
     if arguments.html is None and arguments.plot is None:
@@ -48,17 +48,17 @@ def command(arguments: cli.Arguments) -> int:
         raise softdyn.InputError(
             "--labels", f"one for each of {len(arguments.logs)} logs", len(arguments.labels)
         )
-    logs = [Log.load(path) for path in arguments.logs]
+    own = None if arguments.robot is None else cli.load_robot(arguments)
+    logs = [cli.read_log(path, own) for path in arguments.logs]
     if arguments.plot is not None:
         save_comparison(arguments.plot, logs, arguments.labels)
         print(arguments.plot)
     if arguments.html is None:
         return cli.PASSED
-    if arguments.robot is None:
+    if own is None:
         sources = {log.source.digest: log.source for log in logs}
         robots = {digest: source.model() for digest, source in sources.items()}
     else:
-        own = cli.load_robot(arguments)
         for path, log in zip(arguments.logs, logs, strict=True):
             log.source.check(own, f"--robot for {path}")
         robots = {own.robot.digest: own}

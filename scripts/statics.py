@@ -287,9 +287,8 @@ def search(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], 
 def last_state(model: SoftModel, path: str) -> tuple[np.ndarray, np.ndarray]:
     """(q, u) at the end of a logged run."""
     from softdyn import InputError
-    from softdyn.validation import Log
 
-    log = Log.load(path)
+    log = cli.read_log(path)
     log.source.check(model, path)
     if not log.steps or log.finite_samples < len(log.q):
         raise InputError(path, "a run that ended in a finite state", log.reason)

@@ -17,6 +17,7 @@
 - `identification`: from measurements to parameters;
 - `controllers`: the paper's controllers and ours; `validation`: the closed loop and checks in
   MuJoCo; `commands`: the command line;
+- `plausible`: rules for numbers that are valid and not plausible;
 - `references`: set points and ellipses; `loading`: `load`; `checks`, `exceptions`: checks of
   arguments, and errors; `copies`: copies that stay read-only, and share nothing that changes;
   `files`: files written whole or not at all; `toml_table`, `csv_table`: the readers of TOML and

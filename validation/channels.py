@@ -59,12 +59,16 @@ class LogChannel:
         return cls(name, tuple(n for n, _ in pairs), tuple(u for _, u in pairs), held, title)
 
     @property
-    def titles(self) -> tuple[str, ...]:
-        """The names of its columns in CSV, with units, e.g. ``tip.x (m)``."""
+    def names(self) -> tuple[str, ...]:
+        """The names of its columns in CSV, e.g. ``tip.x``."""
         title = self.title or self.name
-        names = [title] if self.columns is None else [f"{title}.{name}" for name in self.columns]
-        units = self.units or ("",) * len(names)
-        return tuple(f"{n} ({u})" if u else n for n, u in zip(names, units, strict=True))
+        return (title,) if self.columns is None else tuple(f"{title}.{n}" for n in self.columns)
+
+    @property
+    def titles(self) -> tuple[str, ...]:
+        """The same with units, e.g. ``tip.x (m)``."""
+        units = self.units or ("",) * len(self.names)
+        return tuple(f"{n} ({u})" if u else n for n, u in zip(self.names, units, strict=True))
 
     def empty(self, samples: int) -> np.ndarray:
         """An array for a number of samples, without a value yet: NaN, or no text."""

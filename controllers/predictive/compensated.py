@@ -14,7 +14,7 @@ from softdyn.controllers.controller import SILENT, Command, WrappingController
 from softdyn.controllers.predictive.actuation import Actuation
 from softdyn.controllers.predictive.prediction import ahead
 from softdyn.controllers.predictive.pulls import FrictionPulls
-from softdyn.controllers.predictive.stops import JointStops
+from softdyn.controllers.predictive.stops import held_joints, stop_stiffness
 from softdyn.dynamics.derivatives import tangent_dynamics
 
 STEP = 2e-3  # s; the longest step of the prediction
@@ -67,7 +67,7 @@ class Compensated(WrappingController):
         super().__init__(controller, model, "compensated {}")
         self.actuation = Actuation.of(model, delay, lag)
         self._pulls = FrictionPulls(model, friction)
-        self._model, self._stops = model, JointStops(model)
+        self._model = model
         if self.tasks and self.actuation.delay > 0:  # it moves one reference only
             raise InputError("controller", "best or mpc, for tasks behind a delay", controller)
         self.reset(STEP)
@@ -122,7 +122,7 @@ class Compensated(WrappingController):
         K, D = tangent_dynamics(model, state.q, v, acting)
         means, u = link.over_delay(STEP)
         step = link.delay / len(means)
-        stops = self._stops.stiffness(state, self._stops.held(state), step)
+        stops = stop_stiffness(state, held_joints(state), step)
         linear = state.M, K + np.diag(stops), D, state.B
         force = state.B @ acting - state.h + D @ v
         p, speed, _ = ahead(linear, force, (np.zeros(model.nv), v), means - acting, step)

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from softdyn import State
+from softdyn.controllers.qps.relaxed_rows import Rows
 from softdyn.dynamics.stops import TOUCHING, Stops
 
 
@@ -58,6 +59,13 @@ class StoppedStep:
         ends = np.where(held > 0, self._stops.upper, self._stops.lower)
         right[k, -1] = ((ends - self._at)[k] / self.tau - self._v[k]) / self.tau
         return np.linalg.solve(M, right)
+
+    def motion_within(self, bound: np.ndarray, held: np.ndarray, unit: np.ndarray) -> list[Rows]:
+        """Rows |τ q̇⁺| ≤ `bound` (n,), or τ |q̇| where that is more; see `response` for `held`."""
+        tau, v, response = self.tau, self._v, self.response(held)
+        most, way = np.maximum(bound, tau * np.abs(v)), tau * (v + tau * response[:, -1])
+        moved = tau**2 * response[:, :-1]
+        return [Rows(moved, most - way, unit), Rows(-moved, most + way, unit)]
 
     def held(self, u: np.ndarray, guess: np.ndarray) -> np.ndarray:
         """Joints (n,) that stops hold under u: 1 at the upper one, -1 at the lower one, else 0.

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from softdyn.checks import flag, instance, instances, number
 from softdyn.description.inertia import Inertia
-from softdyn.description.robot import ZERO, Joint, JointTerm, Tendon, Vector
+from softdyn.description.robot import (
+    MOST_FRICTION,
+    ZERO,
+    Joint,
+    JointTerm,
+    Site,
+    Tendon,
+    Vector,
+    Wrap,
+)
 from softdyn.description.urdf_writer import write
 from softdyn.design.cables import Profile, along, check_name, check_profile
 from softdyn.design.chain import (
@@ -25,23 +34,33 @@ from softdyn.exceptions import InputError
 
 COLORS = {"dark": (0.18, 0.2, 0.24), "bone": (0.78, 0.75, 0.69)}
 FORWARD = Mount(direction=(1.0, 0.0, 0.0))
+HINGE: Vector = (0.0, 1.0, 0.0)
 
 
 @dataclass(frozen=True)
 class FingerTendon:
-    """A tendon over hinges.
+    """A tendon over hinges, with given moment arms or around pulleys.
+
+    Around pulleys it runs through the middle of each bone that it passes, and around the pulley at
+    each of its hinges. It lifts off a pulley below if the finger bends far enough.
 
     Attributes
     ----------
     joints : tuple of int
         Numbers of the hinges, 1 at the base.
     moment_arms : tuple of float
-        Moment arm at each hinge (m).
+        Moment arm at each hinge (m); none with pulleys.
     max_tension : float
         Largest tension (N).
     pair : bool
-        Whether an antagonist pulls the other way, so that the input has both signs.
+        Whether an antagonist pulls the other way, so that the input has both signs. A cable around
+        pulleys has none.
     name : str
+    pulleys : tuple of float
+        Radius of the pulley at each hinge (m). The cable runs below it, so that its pull bends the
+        finger down, or above it if the radius is negative.
+    friction : float
+        Coefficient of friction on the pulleys and in the bones.
     """
 
     joints: tuple[int, ...]
@@ -49,14 +68,22 @@ class FingerTendon:
     max_tension: float
     pair: bool = False
     name: str = "flexor"
+    pulleys: tuple[float, ...] = ()
+    friction: float = 0.0
 
     def __post_init__(self) -> None:
         check_name(self.name)
-        for name in ("joints", "moment_arms"):
+        for name in ("joints", "moment_arms", "pulleys"):
             for k, value in enumerate(instances(name, getattr(self, name), object, "a number")):
                 number(f"{name}[{k}]", value)
         number("max_tension", self.max_tension, above=0.0)
-        flag("pair", self.pair)
+        number("friction", self.friction, lower=0.0, upper=MOST_FRICTION)
+        if bool(self.pulleys) == bool(self.moment_arms):
+            got = "both" if self.pulleys else "neither"
+            raise InputError(f"tendon {self.name!r}", "moment_arm or pulley", got)
+        if flag("pair", self.pair) and self.pulleys:
+            expected = "no antagonist of a cable around pulleys, but a tendon of its own"
+            raise InputError(f"tendon {self.name!r}", expected, "pair")
 
 
 @dataclass(frozen=True)
@@ -111,9 +138,15 @@ class Finger:
             object.__setattr__(self, name, given)
         for tendon in instances("tendons", self.tendons, FingerTendon, "a FingerTendon"):
             bad = [j for j in tendon.joints if j not in range(1, len(self.lengths) + 1)]
-            if bad or len(set(tendon.joints)) != len(tendon.moment_arms):
+            given = tendon.moment_arms or tendon.pulleys
+            if bad or len(set(tendon.joints)) != len(given):
                 expected = f"hinges from 1 to {len(self.lengths)}, none twice, and an arm for each"
                 raise InputError(f"tendon {tendon.name!r}", expected, tendon.joints)
+            for j, radius in zip(tendon.joints, tendon.pulleys, strict=False):
+                room = min(self.lengths[max(j - 2, 0)], self.lengths[j - 1]) / 2
+                if not 0 < abs(radius) < room:
+                    expected = f"a radius below {room:g} m, half a bone at hinge {j}, not 0"
+                    raise InputError(f"pulley of tendon {tendon.name!r}", expected, radius)
 
 
 def urdf(finger: Finger) -> str:
@@ -129,7 +162,7 @@ def urdf(finger: Finger) -> str:
         mass = finger.density * math.pi * r * r * length
         k = i - 1
         hinge = Joint(
-            f"hinge_{i}", "revolute", direction=(0.0, 1.0, 0.0),
+            f"hinge_{i}", "revolute", direction=HINGE,
             lower=-finger.limit, upper=finger.limit,
             stiffness=finger.stiffness[k],  # type: ignore[index]  # __post_init__ made tuples
             damping=finger.damping[k],  # type: ignore[index]
@@ -143,8 +176,27 @@ def urdf(finger: Finger) -> str:
         chain.add(f"bone_{i}", body, looks, [hinge], offset)
         offset, gone = (length, 0.0, 0.0), gone + length
     for tendon in finger.tendons:
+        if tendon.pulleys:
+            chain.pull(_around_pulleys(finger, tendon), Input(-1.0, (0, tendon.max_tension)))
+            continue
         pairs = zip(tendon.joints, tendon.moment_arms, strict=True)
         terms = tuple(JointTerm(f"hinge_{j}", -arm) for j, arm in pairs)
         least = -tendon.max_tension if tendon.pair else 0
         chain.pull(Tendon(tendon.name, terms), Input(-1.0, (least, tendon.max_tension)))
     return write(chain.finish(offset))
+
+
+def _around_pulleys(finger: Finger, tendon: FingerTendon) -> Tendon:
+    """The path of a cable through the middle of its bones and around the pulleys between them."""
+    radius = dict(zip(tendon.joints, tendon.pulleys, strict=True))
+    first, last = min(radius), max(radius)
+    before = "palm" if first == 1 else f"bone_{first - 1}"
+    middle = -finger.lengths[0] / 2 if first == 1 else finger.lengths[first - 2] / 2
+    sites, wraps = [Site(before, (middle, 0.0, 0.0))], []
+    for j in range(first, last + 1):
+        if j in radius:
+            side = (0.0, 0.0, -2.0 * radius[j])
+            pulley = Wrap(f"bone_{j}", ZERO, abs(radius[j]), len(sites) - 1, HINGE, side)
+            wraps.append(replace(pulley, length=abs(radius[j])))
+        sites.append(Site(f"bone_{j}", (finger.lengths[j - 1] / 2, 0.0, 0.0)))
+    return Tendon(tendon.name, sites=tuple(sites), friction=tendon.friction, wraps=tuple(wraps))

@@ -1,4 +1,4 @@
-"""Refuse numbers that no soft arm has; most often a unit is wrong by 10³ or 10⁶.
+"""Refuse numbers that no soft arm has, by the ratios of `softdyn.plausible`.
 
 Besides density and Young's modulus, three figures are checked: the weight against the bending
 stiffness, the angle by which a cable can bend the arm, and the speed of sound in its material.
@@ -15,6 +15,7 @@ from softdyn.design.cables import Cable, along
 from softdyn.design.layout import Layout
 from softdyn.design.rods import Arm, Section
 from softdyn.exceptions import InputError
+from softdyn.plausible import BEND, STRONG, WEIGHT, too_strong
 
 MODULUS = 5e3, 1e12
 """Young's modulus (Pa): gels to diamond."""
@@ -22,11 +23,8 @@ DENSITY = 20.0, 25e3
 """kg/m³: foams to platinum."""
 SOUND = 14e3
 """Speed of sound √(E/ρ) (m/s); no fibre reaches this."""
-SAG = 0.04, 1e4
-"""ρ g A L³ / EI; 8 times the sag over the length of a rod held level at one end. The lower bound
-applies to arms without cables."""
-BEND = 0.03, 300.0
-"""Angle (rad) by which a cable at full tension bends its weightless arm."""
+STIFFEST = 0.04
+"""Least weight against stiffness, ρ g A L³ / EI, of an arm without cables."""
 LENGTH = 1e-3, 20.0
 """Length of a section (m)."""
 RADIUS = 1e-4, 1.0
@@ -70,15 +68,20 @@ def check(layout: Layout) -> None:
             _within(f"{where}: Young's modulus", E, MODULUS, "Pa")
             sound = math.sqrt(E / material.density)
             _within(f"{where}: sqrt(E / density)", sound, (0.0, SOUND), "m/s")
+    moment = 9.81 * arm.length * sum(body.mass for body in layout.bodies)
     for cable in arm.cables:
         bend = _bend(layout, cable)
         if bend:
             what = f"cable {cable.name!r}: bend at max_tension, by Young's modulus and radius"
             _within(what, bend, BEND, "rad")
+        pull = cable.max_tension * float(np.abs(layout.coefficients(cable)).max())
+        if too_strong(bend, pull / moment):
+            expected = f"at most {STRONG[1]:g} times the moment of the arm's weight ({HINT})"
+            raise InputError(f"cable {cable.name!r}: max_tension", expected, f"{pull / moment:.3g}")
     # with cables, the bend above is the better check: short and light arms hardly sag
-    low = 0.0 if arm.cables else SAG[0]
+    low = 0.0 if arm.cables else STIFFEST
     what = "weight against stiffness, m g L^2 / EI, by Young's modulus, density and size"
-    _within(what, _weight(layout), (low, SAG[1]), "")
+    _within(what, _weight(layout), (low, WEIGHT), "")
 
 
 def _within(what: str, value: float, limits: tuple[float, float], unit: str) -> None:

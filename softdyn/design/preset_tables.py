@@ -55,7 +55,9 @@ def read_finger(table: TomlTable) -> Files:
                     joints=tuple(
                         int(j) if j.is_integer() else j for j in item.numbers("joints", "none")
                     ),
-                    moment_arms=item.numbers("moment_arm", "length"),
+                    moment_arms=item.numbers("moment_arm", "length", ()),
+                    pulleys=item.numbers("pulley", "length", ()),
+                    friction=item.number("friction", "none", 0.0),
                     max_tension=item.number("max_tension", "force"),
                     pair=item.flag("pair"),
                     name=item.text("name", f"tendon_{k}"),

@@ -56,6 +56,16 @@ class Stops(Frozen):
         """Joints at their lower and at their upper limits (nv,) bool, up to a margin (rad, m)."""
         return at <= self.lower + margin, at >= self.upper - margin
 
+    def near(self, at: np.ndarray, share: float) -> np.ndarray:
+        """Joints (…, nv) bool whose distance to a limit is at most a share of their range.
+
+        A joint without two limits has no range: it must be at its limit.
+        """
+        span = self.upper - self.lower
+        lower, upper = self.hit(at, np.where(np.isfinite(span), share * span, 0.0))
+        near: np.ndarray = lower | upper
+        return near
+
     def solve(
         self, A: np.ndarray, r: np.ndarray, at: np.ndarray, step: float, held: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:

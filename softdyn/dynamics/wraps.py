@@ -232,9 +232,10 @@ def _outside(d: Points, side: Pair | None, r: float) -> _Plane | Contact:
     if side is not None and _opposite(d, side):
         sense = -sense
     else:
-        share = min(max(-(dx * ax + dy * ay) / square, 0.0), 1.0)
+        share = -(dx * ax + dy * ay) / square
         nx, ny = ax + share * dx, ay + share * dy
-        if nx * nx + ny * ny > r * r:
+        # an end that is the nearest point may lie on the circle
+        if not 0.0 < share < 1.0 or nx * nx + ny * ny > r * r:
             return Contact.FREE
     ta, tb = math.sqrt(max(ra * ra - r * r, 0.0)), math.sqrt(max(rb * rb - r * r, 0.0))
     turn = sense * (math.atan2(by, bx) - math.atan2(ay, ax)) - math.atan2(ta, r) - math.atan2(tb, r)
@@ -257,7 +258,7 @@ def _opposite(d: Points, side: Pair) -> bool:
     ax, ay, bx, by = d
     sense = 1.0 if ax * by - ay * bx >= 0.0 else -1.0
     first, last = side[0] * ay - side[1] * ax, bx * side[1] - by * side[0]
-    return first * sense >= 0.0 and last * sense >= 0.0
+    return first * sense > 0.0 and last * sense > 0.0
 
 
 def _around(plane: _Plane, d: Points, r: float) -> _Curved:

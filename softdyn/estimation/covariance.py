@@ -6,14 +6,10 @@ predicted values of late readings, which wait for their arrival. They stay as th
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
+from scipy.linalg.blas import dger
 
-from softdyn.compiled import compiled
 
-
-@compiled
 def predict(P, by_state, by_force, noise, held, step, moving, kept, added, turn, gained):
     """Move the covariance P (s, s) over a step, q⁺ = q + T v⁺ and d⁺ of `softdyn.estimation.drift`.
 
@@ -32,57 +28,34 @@ def predict(P, by_state, by_force, noise, held, step, moving, kept, added, turn,
     kept, added, turn, gained : ndarray
         Fields of `softdyn.estimation.drift.DriftStep`.
     """
-    n, base, size = len(held), by_state.shape[1], len(P)
-    cross = np.dot(by_state, P[:base])  # of v⁺ with all errors
-    speed = np.dot(by_state, np.ascontiguousarray(cross[:, :base].T))
-    pushes = np.empty((n, n))
-    for i in range(n):
-        for j in range(n):
-            pushes[i, j] = by_force[i, j] * noise[j] / step
-    speed += np.dot(pushes, by_force.T.copy())
-    for i in range(n):
-        for j in range(i):
-            P[i, j] += step * (cross[i, j] + cross[j, i]) + step * step * speed[i, j]
-            P[j, i] = P[i, j]
-        P[i, i] += step * (2.0 * cross[i, i] + step * speed[i, i])
-        for j in range(2 * n, size):
-            factor = kept[j - 2 * n] if j < base else 1.0
-            P[i, j] = factor * (P[i, j] + step * cross[i, j])
-            P[j, i] = P[i, j]
-            P[n + i, j] = factor * cross[i, j]
-            P[j, n + i] = P[n + i, j]
-    for i in range(n):
-        for j in range(n):
-            P[i, n + j] = cross[j, i] + step * speed[i, j]
-            P[n + j, i] = P[i, n + j]
-            P[n + i, n + j] = 0.5 * (speed[i, j] + speed[j, i])
-    for i in range(2 * n, base):
-        for j in range(2 * n, size):
-            P[i, j] *= kept[i - 2 * n]
-            P[j, i] *= kept[i - 2 * n]
-        P[i, i] += added[i - 2 * n]
-    for k in range(len(moving)):
-        i, rate = 2 * n + moving[k], base + k
-        for j in range(size):
-            a, b = P[i, j], P[rate, j]
-            P[i, j] = turn[0, 0] * a + turn[0, 1] * b
-            P[rate, j] = turn[1, 0] * a + turn[1, 1] * b
-        for j in range(size):
-            a, b = P[j, i], P[j, rate]
-            P[j, i] = turn[0, 0] * a + turn[0, 1] * b
-            P[j, rate] = turn[1, 0] * a + turn[1, 1] * b
-        P[i, i] += gained[0, 0]
-        P[i, rate] += gained[0, 1]
-        P[rate, i] += gained[1, 0]
-        P[rate, rate] += gained[1, 1]
-    for i in range(n):
-        if held[i] != 0:
-            for j in range(size):
-                P[i, j] = 0.0
-                P[j, i] = 0.0
+    n, base = len(held), by_state.shape[1]
+    cross = by_state @ P[:base]  # of v⁺ with all errors
+    speed = by_state @ cross[:, :base].T
+    speed += (by_force * (noise / step)) @ by_force.T
+    speed += speed.T
+    speed *= 0.5
+    P[:n, :n] += step * (cross[:, :n] + cross[:, :n].T + step * speed)
+    P[:n, 2 * n :] += step * cross[:, 2 * n :]
+    P[:n, n : 2 * n] = cross[:, :n].T + step * speed
+    P[n : 2 * n, n : 2 * n] = speed
+    P[n : 2 * n, 2 * n :] = cross[:, 2 * n :]
+    drifts = slice(2 * n, base)
+    P[: 2 * n, drifts] *= kept
+    P[drifts, 2 * n :] *= kept[:, None]
+    P[2 * n :, drifts] *= kept
+    P[n : 2 * n, :n] = P[:n, n : 2 * n].T
+    P[2 * n :, : 2 * n] = P[: 2 * n, 2 * n :].T
+    P[drifts, drifts] += np.diag(added)
+    for k, drift in enumerate(moving):
+        pair = [2 * n + drift, base + k]
+        P[pair] = turn @ P[pair]
+        P[:, pair] = P[:, pair] @ turn.T
+        P[np.ix_(pair, pair)] += gained
+    stopped = np.flatnonzero(held)
+    P[stopped] = 0.0
+    P[:, stopped] = 0.0
 
 
-@partial(compiled, reorder=True)
 def update(P, rows, errors, variances, change, gate):
     """Fuse readings one by one, each with Joseph's form (I - k h) P (I - k h)ᵀ + k R kᵀ.
 
@@ -92,7 +65,7 @@ def update(P, rows, errors, variances, change, gate):
     Parameters
     ----------
     P : ndarray, (s, s)
-        Overwritten.
+        Overwritten; its rows are contiguous.
     rows : ndarray, (k, w)
         Jacobians h of the readings by the first w errors; those by the others are zero.
     errors, variances : ndarray, (k,)
@@ -111,16 +84,13 @@ def update(P, rows, errors, variances, change, gate):
         Σ e² / S, the numbers of readings used and of those beyond the gate, and with the share
         w = h P hᵀ / S of the prediction in the variance Σ w (e² / S - 1) and Σ w².
     """
-    size, nis, used, odd, excess, known = len(P), 0.0, 0, 0, 0.0, 0.0
-    row, gain, rest = np.zeros(size), np.empty(size), np.empty(size)
-    for k in range(len(rows)):
-        error = errors[k]
-        if not np.isfinite(error):
+    nis, used, odd, excess, known, width = 0.0, 0, 0, 0.0, 0.0, rows.shape[1]
+    for k, row in enumerate(rows):
+        if not np.isfinite(errors[k]):
             continue
-        row[: len(rows[k])] = rows[k]
-        spread = np.dot(P, row)
-        error -= np.dot(row, change)
-        predicted = np.dot(row, spread)
+        spread = P[:, :width] @ row
+        error = errors[k] - row @ change[:width]
+        predicted = row @ spread[:width]
         variance = variances[k] + predicted
         if error * error > gate * gate * variance:
             odd += 1
@@ -131,83 +101,56 @@ def update(P, rows, errors, variances, change, gate):
         nis += error * error / variance
         errors[k] = error / np.sqrt(variance)
         used += 1
-        for i in range(size):
-            gain[i] = spread[i] / variance
-            change[i] += gain[i] * error
-            rest[i] = spread[i] - variance * gain[i]
-        for i in range(size):
-            a, b, line = gain[i], rest[i], P[i]
-            for j in range(size):
-                line[j] -= a * spread[j] + b * gain[j]
+        gain = spread / variance
+        change += gain * error
+        rest = spread - variance * gain
+        # in place: P.T is in the order of memory that BLAS expects
+        dger(-1.0, spread, gain, a=P.T, overwrite_a=1)
+        dger(-1.0, gain, rest, a=P.T, overwrite_a=1)
     return nis, used, odd, excess, known
 
 
-@compiled
 def symmetrised(P):
     """Make P symmetric up to the last digit, and no variance negative by rounding; its trace."""
-    trace = 0.0
-    for i in range(len(P)):
-        for j in range(i):
-            P[i, j] = P[j, i] = 0.5 * (P[i, j] + P[j, i])
-    for i in range(len(P)):
-        if P[i, i] < 0:
-            P[i] = 0.0
-            P[:, i] = 0.0
-        trace += P[i, i]
-    return trace
+    P += P.T
+    P *= 0.5
+    negative = np.flatnonzero(P.diagonal() < 0)
+    P[negative] = 0.0
+    P[:, negative] = 0.0
+    return P.trace()
 
 
-@compiled
 def append(P, jacobian):
     """The covariance (s + k, s + k) with the errors of readings whose Jacobian (k, 2n) this is."""
     size, (count, width) = len(P), jacobian.shape
-    cross = np.dot(jacobian, P[:width])
-    own = np.dot(cross[:, :width].copy(), jacobian.T)
     grown = np.empty((size + count, size + count))
-    for i in range(size):
-        for j in range(size):
-            grown[i, j] = P[i, j]
-    for k in range(count):
-        for j in range(size):
-            grown[size + k, j] = grown[j, size + k] = cross[k, j]
-        for j in range(count):
-            grown[size + k, size + j] = own[k, j]
+    grown[:size, :size] = P
+    grown[size:, :size] = jacobian @ P[:width]
+    grown[:size, size:] = grown[size:, :size].T
+    grown[size:, size:] = grown[size:, :width] @ jacobian.T
     return grown
 
 
-@compiled
 def kept_rows(P, keep):
     """The covariance of the errors to keep (s,)."""
     chosen = np.flatnonzero(keep)
-    left = np.empty((len(chosen), len(chosen)))
-    for i in range(len(chosen)):
-        for j in range(len(chosen)):
-            left[i, j] = P[chosen[i], chosen[j]]
-    return left
+    return P.take(chosen, axis=0).take(chosen, axis=1)  # np.ix_ takes three times the memory
 
 
-@compiled
 def usable(readings, largest):
     """The number of readings (k,) that are at most so large; the others become NaN."""
-    count = 0
-    for k in range(len(readings)):
-        if abs(readings[k]) <= largest:
-            count += 1
-        else:
-            readings[k] = np.nan
-    return count
+    fits = np.abs(readings) <= largest
+    readings[~fits] = np.nan
+    return int(fits.sum())
 
 
-@compiled
 def moved(q, v, d, change, lower, upper):
     """Correct q, v and d in place if q (n,) stays within its limits; else return False."""
     n = len(v)
-    for i in range(n):
-        if not lower[i] <= q[i] + change[i] <= upper[i]:
-            return False
-    for i in range(n):
-        q[i] += change[i]
-        v[i] += change[n + i]
-    for i in range(len(d)):
-        d[i] += change[2 * n + i]
+    there = q + change[:n]
+    if not ((lower <= there) & (there <= upper)).all():
+        return False
+    q[:] = there
+    v += change[n : 2 * n]
+    d += change[2 * n : 2 * n + len(d)]
     return True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.stops import Stops
 
 ROUNDED, RIDGE = 1e-12, 1e-12  # rad or m; share of a variance
 
@@ -26,22 +27,22 @@ def onto_stops(model: SoftModel, at: np.ndarray, asked: np.ndarray, P: np.ndarra
     P : ndarray, (s, s)
         Covariance of the errors.
     """
-    n, change = model.nv, asked.copy()
+    n, change, stops = model.nv, asked.copy(), Stops.of(model)
     held = np.zeros(n, bool)
     for _ in range(n):
         there = at + change[:n]
-        beyond = (there > model.upper + ROUNDED) | (there < model.lower - ROUNDED)
+        beyond = (there > stops.upper + ROUNDED) | (there < stops.lower - ROUNDED)
         beyond &= np.diag(P)[:n] > 0
         if not (beyond & ~held).any():
             break
         held |= beyond
         k = np.flatnonzero(held)
-        wanted = at[k] + asked[k]
-        target = np.clip(wanted, model.lower[k], model.upper[k]) - wanted
+        wanted = at + asked[:n]
+        target = (stops.within(wanted) - wanted)[k]
         variances = P[np.ix_(k, k)] + np.diag(RIDGE * np.diag(P)[k])
         change = asked + P[:, k] @ np.linalg.solve(variances, target)
     there = at + change[:n]
-    inside = np.clip(there, model.lower, model.upper)
+    inside = stops.within(there)
     if (inside != there).any():  # by rounding
         change[:n] = inside - at
     return change

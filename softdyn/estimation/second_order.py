@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from softdyn.compiled import compiled
 from softdyn.sensing import Sensors
 
 SHARP = 30.0  # times its own variance; a reading that is known as well as this is as good as linear
@@ -41,16 +40,8 @@ def second_order(
     return shift, variance + 0.5 * np.einsum("kij,kji->k", products, products)
 
 
-@compiled
 def sharp(rows, P, variance):
     """Whether readings with these Jacobians (k, w) are as good as linear."""
     width = rows.shape[1]
-    for k in range(len(rows)):
-        value = 0.0
-        for i in range(width):
-            if rows[k, i] != 0:
-                for j in range(width):
-                    value += rows[k, i] * P[i, j] * rows[k, j]
-        if not value < SHARP * variance[k]:
-            return False
-    return True
+    known = np.sum(rows @ P[:width, :width] * rows, axis=1)
+    return bool((known < SHARP * variance).all())

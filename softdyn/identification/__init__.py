@@ -18,8 +18,9 @@ them, and the residuals give the intervals.
   equilibria;
 - `linear`: a first guess by weighted least squares on smoothed joint angles;
 - `outputs`: what sensors would read of a motion;
-- `problem`: simulates the stretches without a stop; `blocks`: least squares with common unknowns
-  and unknowns of each stretch;
+- `problem`: simulates and compares with the data; `static_fit`, `dynamic_fit`: rows at rest, and
+  stretches of motion without a stop; `blocks`: least squares with common unknowns and unknowns of
+  each stretch;
 - `output_error`: the fit of the simulated outputs; `intervals`: intervals, parameters not
   identifiable, whether the residuals are white;
 - `result`: values and intervals; `rewrite`: the robot's file with the new numbers;
@@ -32,13 +33,14 @@ from softdyn.identification.data import output_names as output_names
 from softdyn.identification.data import read_csv as read_csv
 from softdyn.identification.design import DesignFile as DesignFile
 from softdyn.identification.intervals import fit_length as fit_length
-from softdyn.identification.intervals import least_deviations as least_deviations
 from softdyn.identification.markers.camera import MarkerView as MarkerView
 from softdyn.identification.markers.points import Marker as Marker
 from softdyn.identification.markers.points import marked as marked
 from softdyn.identification.markers.points import read_points as read_points
 from softdyn.identification.output_error import fit as fit
 from softdyn.identification.output_error import identify as identify
+from softdyn.identification.output_error import least_deviations as least_deviations
+from softdyn.identification.output_error import problem_of as problem_of
 from softdyn.identification.output_error import tested as tested
 from softdyn.identification.outputs import measured_outputs as measured_outputs
 from softdyn.identification.parameters import Parameter as Parameter
@@ -50,7 +52,6 @@ from softdyn.identification.parameters import with_values as with_values
 from softdyn.identification.problem import Acquisition as Acquisition
 from softdyn.identification.problem import Fit as Fit
 from softdyn.identification.problem import FitProblem as FitProblem
-from softdyn.identification.problem import problem_of as problem_of
 from softdyn.identification.result import Estimate as Estimate
 from softdyn.identification.result import Identified as Identified
 from softdyn.identification.rewrite import rewritten as rewritten

@@ -12,6 +12,7 @@ from scipy.ndimage import minimum_filter1d
 from softdyn.checks import array, did_you_mean, flag, in_degrees, instances, length, whole
 from softdyn.csv_table import CsvTable
 from softdyn.dynamics.model import SoftModel, check_model
+from softdyn.dynamics.stops import Stops
 from softdyn.exceptions import InputError, errors_in
 from softdyn.identification.markers.points import PREFIX
 from softdyn.identification.unknowns.sensor_errors import READ, reading_names
@@ -136,10 +137,7 @@ def at_stops(model: SoftModel, joints: np.ndarray) -> np.ndarray:
     `joints` are smoothed angles, because noise could hide or feign a stop. A joint reaches and
     leaves a stop between samples, so the two neighbours of a sample at a stop count too.
     """
-    margin = NEAR * (model.upper - model.lower)
-    with np.errstate(invalid="ignore"):
-        close = (joints < model.lower + margin) | (joints > model.upper - margin)
-    close[:, ~np.isfinite(margin)] = False
+    close = Stops.of(model).near(joints, NEAR)
     wide = close.copy()
     wide[1:] |= close[:-1]
     wide[:-1] |= close[1:]

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from scipy.stats import t as student
 
-from softdyn.checks import array, instance, instances, number
-from softdyn.dynamics.model import SoftModel
+from softdyn.checks import instance, number
 from softdyn.exceptions import InputError
 from softdyn.identification.blocks import ResidualBlock, reduced
 from softdyn.identification.data import Measurements
 from softdyn.identification.parameters import Parameter
-from softdyn.identification.problem import first_stop, problem_of
 
 WIDEST = 0.5  # a relative standard deviation above which a parameter is not identified
 LAGS = 20  # number of lags of the residuals' autocorrelation
@@ -83,46 +80,6 @@ def fit_length(data: Measurements, hold_out: float) -> int:
         raise InputError("hold_out", "a part from 0 to 0.9", hold_out)
     instance("data", data, Measurements, "Measurements")
     return max(FEWEST, round(len(data.t) * (1 - hold_out)))
-
-
-def least_deviations(
-    model: SoftModel,
-    data: Measurements,
-    unknowns: Sequence[Parameter],
-    theta: np.ndarray,
-    noise: np.ndarray,
-    *,
-    hold_out: float = 0.2,
-    step: float = np.inf,
-) -> np.ndarray:
-    """Cramér and Rao's bound (P,): least standard deviations of an unbiased fit of the stretches.
-
-    It is infinite for parameters that `identify` would report as not identifiable with this noise.
-
-    Parameters
-    ----------
-    model, data, unknowns, hold_out, step
-        As for `identify`.
-    theta : ndarray, (P,)
-        The true values.
-    noise : ndarray, (outputs,)
-        The true standard deviation of each output; the noise is white.
-    """
-    unknowns = instances("unknowns", unknowns, Parameter, "a Parameter")
-    split = fit_length(data, hold_out)
-    theta = array("theta", theta, (len(unknowns),))
-    noise = array("noise", noise, (len(data.names),))
-    problem = problem_of(model, data.part(0, split), unknowns, step)
-    if problem.smooth is None:
-        problem = replace(problem, runs=((0, first_stop(problem, theta)),))
-    R = reduced(problem.blocks(problem.simulated(theta, problem.firsts()), noise)).R
-    identifiable, drop = list(range(len(unknowns))), {-1}
-    while identifiable and drop:
-        drop, _ = unidentifiable([unknowns[k] for k in identifiable], R[:, identifiable])
-        identifiable = [k for at, k in enumerate(identifiable) if at not in drop]
-    found = np.full(len(unknowns), np.inf)
-    found[identifiable] = deviations(R[:, identifiable])
-    return found
 
 
 def autocorrelation(residuals: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ print(diagnose(softdyn.load("finger")))
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,7 +21,12 @@ from softdyn.exceptions import SoftdynError, UrdfError
 from softdyn.statics.equilibria import rest
 from softdyn.statics.equilibrium import Equilibrium
 from softdyn.statics.stops import locked_inputs
-from softdyn.statics.suspicious_values import fast_springs, suspicious_shapes, suspicious_values
+from softdyn.statics.suspicious_values import (
+    fast_springs,
+    suspicious_shapes,
+    suspicious_values,
+    unbalanced,
+)
 from softdyn.statics.zero_dynamics import Pose, find_boundary, sample_poses
 
 JOINT = ("name", "kind", "lower", "upper", "stiffness", "rest", "damping", "armature")
@@ -293,5 +298,18 @@ def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:
         boundary,
         equilibrium,
         (*robot.warnings, *unreadable),
-        (*suspicious_values(robot), *([fast] if fast else []), *outsize),
-    )
+        (
+            *suspicious_values(robot), *unbalanced(model), *([fast] if fast else []), *outsize,
+            *_unheld(model, poses),
+        ),
+    )  # fmt: skip
+
+
+def _unheld(model: SoftModel, poses: Sequence[Pose]) -> Iterator[str]:
+    """One line about springs that gravity overcomes at every pose, where no input helps."""
+    springs = bool((model.stiffness > 0).any())
+    if springs and not model.nu and poses and not any(pose.dominates for pose in poses):
+        yield (
+            f"gravity wins at all {len(poses)} poses, and no input holds the robot: springs in "
+            "N mm/rad, masses in grams, or an <actuator> that is missing?"
+        )

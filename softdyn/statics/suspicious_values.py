@@ -11,6 +11,7 @@ from softdyn.description.meshes import Mesh
 from softdyn.description.robot import Joint, Robot, moving_bodies
 from softdyn.description.visuals import triangles, visuals
 from softdyn.dynamics.model import SoftModel
+from softdyn.plausible import WEIGHT, too_heavy, too_strong
 
 PLANT_STEP = 5e-4  # s, the coarsest plant step of the closed loops
 
@@ -69,6 +70,31 @@ def fast_springs(model: SoftModel, M: np.ndarray, timestep: float = PLANT_STEP) 
         f"{rate:.2g} rad/s, too fast for plant steps of {timestep:g} s: other units than "
         "N m/rad or N/m, or too little inertia?"
     )
+
+
+def unbalanced(model: SoftModel) -> Iterator[str]:
+    """One line for a weight and for each pull that do not fit the springs (`softdyn.plausible`)."""
+    robot, state = model.robot, model.state(model.q0, np.zeros(model.nv))
+    turning = {joint.name for joint in robot.moving_joints if joint.kind != "prismatic"}
+    turns = np.array([name in turning for name in model.joint_names], bool)
+    bending = turns & (model.stiffness > 0)
+    moment = 9.81 * robot.length * sum(link.inertia.mass for link in robot.links)
+    if not bending.any() or not moment > 0:
+        return
+    compliance = 1 / model.stiffness[bending]
+    if too_heavy(weight := moment * float(compliance.sum())):
+        yield (
+            f"the weight is {weight:.2g} times the stiffness (m g L Σ 1/k, at most {WEIGHT:g}): "
+            "springs in N mm/rad, or masses in grams?"
+        )
+    torques = np.abs(state.B[bending]) * np.maximum(np.abs(model.u_min), np.abs(model.u_max))
+    for actuator, pull in zip(robot.actuators, torques.T, strict=True):
+        bend, share = float(pull @ compliance), float(pull.max()) / moment
+        if too_strong(bend, share):
+            yield (
+                f"actuator {actuator.name!r}: its full pull bends the arm by {bend:.2g} rad, with "
+                f"{share:.2g} times the moment of the arm's weight: a bound in another unit than N?"
+            )
 
 
 def _size(robot: Robot) -> float:

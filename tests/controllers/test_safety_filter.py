@@ -8,6 +8,7 @@ import pytest
 import softdyn
 from softdyn import InputError, SetPoint
 from softdyn.controllers import SafetyFilter, best
+from softdyn.controllers.qps.horizon import Horizon
 from softdyn.safety import HalfSpace, Surroundings
 from softdyn.validation import simulate
 
@@ -64,6 +65,26 @@ def test_an_input_that_is_safe_passes_unchanged():
     law.reset(0.005)
     np.testing.assert_array_equal(law(state, GOAL).u, [0.01, -0.02])
     assert law.changed == 0
+
+
+def test_a_joint_may_leap_if_it_is_as_fast_already():
+    """Beside rows, no joint moves by more than 0.1 rad in a period, or than at its velocity."""
+    model, rng, period = softdyn.load("finger"), np.random.default_rng(1), 0.005
+    far = [HalfSpace([0, 0, 1], -9.0)]
+    fast = within = 0
+    for _ in range(14):
+        q, v = rng.uniform(-0.3, 0.3, 4), rng.normal(size=4) * rng.uniform(5, 60)
+        state, u = model.state(q, v), rng.uniform(model.u_min, model.u_max)
+        M, h = Horizon(model, period)(state)
+        moved = period * np.abs(v + period * np.linalg.solve(M, state.B @ u - h))
+        allowed = (moved <= np.maximum(0.1, period * np.abs(v))).all()
+        fast, within = fast + (moved.max() > 0.1), within + allowed
+        law = SafetyFilter(Push(u), model, far, horizon=0.0)
+        law.reset(period)
+        assert (law(state, GOAL).u == u).all() == allowed
+        assert law.changed == (not allowed)
+    assert fast > 4
+    assert within < 14
 
 
 def test_bad_arguments_are_named():

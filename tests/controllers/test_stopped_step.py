@@ -81,6 +81,7 @@ def test_rows_hold_for_the_motion_that_the_input_leads_to() -> None:
             continue
         b, G, drift, _ = wall(state)
         qdd = exact(state, M, h, u)
+        assert (np.abs(TAU * (state.v + TAU * qdd)) < 0.1 + TAU * np.abs(state.v) + 1e-3).all()
         second = G @ qdd + drift
         first = G @ state.v + TAU * second
         s, later = G @ state.v + 10 * b, first + 10 * (b + TAU * first)

@@ -53,6 +53,16 @@ WRONG = {
         r"density: expected density_kg_m3 or density_g_cm3, ",
     ),
     "E 1e3 too large": ("= 0.25", "= 250", "'base_1': bend at max_tension, by Young's modulus"),
+    "pull 1e2 too large": (
+        "max_tension_N = 20",
+        "max_tension_N = 2500",
+        "'base_1': max_tension: expected at most 30 times the moment of the arm's weight",
+    ),
+    "pull 1e3 too large": (
+        "max_tension_N = 20",
+        "max_tension_N = 20000",
+        "'base_1': bend at max_tension",
+    ),
     "E 1e6 too large": ("= 0.25", "= 250000", "expected at most 14000 m/s"),
     "E 1e3 too small": ("= 0.25", "= 0.00025", "Young's modulus: expected 5000 to"),
     "E 1e6 too small": ("= 0.25", "= 0.00000025", "Young's modulus: expected 5000 to"),

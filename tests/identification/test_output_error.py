@@ -14,13 +14,12 @@ from softdyn import InputError, identification
 from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.derivatives import mass_columns
 from softdyn.dynamics.tree import tree_of
-from softdyn.identification import Measurements, blocks, output_error, problem
+from softdyn.identification import Measurements, blocks, dynamic_fit
 from softdyn.identification.data import stretches
 from softdyn.identification.linear import first_guess
-from softdyn.identification.output_error import _joined, _solve
+from softdyn.identification.output_error import problem_of
 from softdyn.identification.outputs import measured_outputs
 from softdyn.identification.parameters import Parameter, columns_of, with_values
-from softdyn.identification.problem import problem_of
 from softdyn.identification.result import COARSE
 from softdyn.identification.unknowns.kinds import Around, MotionSample
 from softdyn.validation.identification.trials import Excitation, deviations, trial, twin_data
@@ -215,15 +214,15 @@ def test_far_from_the_file_s_values(tmp_path):
 
 def test_pieces_keep_in_step_where_the_whole_does_not(tmp_path, monkeypatch):
     """From a spring twice as stiff, a fit of the whole run fails, and a fit by pieces succeeds."""
-    monkeypatch.setattr(output_error, "PIECE", 13)
+    monkeypatch.setattr(dynamic_fit, "PIECE", 13)
     monkeypatch.setattr(blocks, "EVALUATIONS", 5)
     model, data = swings(tmp_path, 4, 0.04, "q.x", 0.001)
     problem = problem_of(model, data, unknowns(model, "stiffness"), np.inf)
     assert problem.runs == ((0, 100),)
     wrong, noise = np.array([30.0]), np.array([0.001])
     ends = []
-    for theta, firsts in ((wrong, problem.firsts()), _joined(problem, wrong)[:2]):
-        theta, _, simulated = _solve(problem, theta, firsts, noise)
+    for theta, firsts in ((wrong, problem.firsts()), problem.joined(wrong)[:2]):
+        theta, _, simulated = problem.solved(theta, firsts, noise)
         ends.append((theta[0], np.std(problem.residuals(simulated))))
     assert ends[0][1] > 0.1
     assert ends[1][1] == pytest.approx(0.001, rel=0.1)
@@ -249,7 +248,7 @@ def left(model, data, size):
     """Residuals of the true parameters with fitted first states, over the size (outputs,)."""
     exact = problem_of(model, data, (), np.inf)
     assert exact.held.sum() == 10
-    _, _, simulated = _solve(exact, np.zeros(0), exact.firsts(), size)
+    _, _, simulated = exact.solved(np.zeros(0), exact.firsts(), size)
     return exact.residuals(simulated) / size
 
 
@@ -274,7 +273,7 @@ def test_a_stop_that_yields_is_followed_where_that_can_be_seen(moved, monkeypatc
         spread = np.ptp(seen._driven(seen.runs[0]).motion.c, axis=0)
         assert np.all((spread > 1e-9) == moves)
     followed = np.nanstd(left(true, data, size))
-    monkeypatch.setattr(problem, "CLEAR", np.inf)
+    monkeypatch.setattr(dynamic_fit, "CLEAR", np.inf)
     assert followed < 0.5 * np.nanstd(left(true, data, size))
 
 

@@ -14,7 +14,7 @@ from softdyn import InputError, identification
 from softdyn.commands import identify as command
 from softdyn.commands import rollout as rollout_command
 from softdyn.identification import DesignFile, Measurements, measured_outputs
-from softdyn.identification.problem import problem_of
+from softdyn.identification.output_error import problem_of
 from softdyn.identification.trajectory import Start, follow
 from softdyn.identification.unknowns.sensor_errors import biases, with_biases, without_repeats
 from tests.support import cart

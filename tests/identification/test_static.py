@@ -16,9 +16,10 @@ from softdyn.identification import DesignFile, Marker, Measurements
 from softdyn.identification.blocks import ResidualBlock
 from softdyn.identification.intervals import half_widths
 from softdyn.identification.markers.camera import MarkerView, seen_at
+from softdyn.identification.output_error import problem_of
 from softdyn.identification.outputs import measured_outputs
 from softdyn.identification.parameters import neighbours_of
-from softdyn.identification.problem import Acquisition, problem_of
+from softdyn.identification.problem import Acquisition
 from softdyn.identification.rests import Inputs, rests
 from softdyn.identification.unknowns.kinds import Around
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +12,14 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import SoftModel, UrdfError, parse
+from softdyn import SoftModel, UrdfError, design, parse
 from softdyn.commands import check
+from softdyn.loading import load_text
 from softdyn.statics import diagnose, rest, zero_dynamics
-from softdyn.statics.suspicious_values import suspicious_shapes, suspicious_values
+from softdyn.statics.suspicious_values import suspicious_shapes, suspicious_values, unbalanced
 from softdyn.statics.zero_dynamics import examine, find_boundary, sample_poses
 from tests.support import CORPUS
+from tests.support.arms import THREE_SECTIONS
 from tests.support.control_cases import robot
 from tests.support.micro import FLOATING, SOLID, write
 
@@ -328,6 +331,28 @@ def test_a_robot_whose_tip_is_its_only_joint_has_no_length(tmp_path: Path) -> No
 @pytest.mark.parametrize("name", softdyn.bundled_names())
 def test_bundled_robots_look_right(name: str) -> None:
     assert suspicious_values(robot(name).robot) == ()
+
+
+def test_springs_pulls_and_weight_that_do_not_fit_each_other() -> None:
+    """Of an arm of three sections: nothing; then springs × 0.001, pulls × 1000, no input."""
+    arm = load_text(design.read(tomllib.loads(THREE_SECTIONS)).text, path=Path("arm.urdf"))
+    assert diagnose(arm, 3).doubts == ()
+    robot = arm.robot
+    soft = tuple(replace(one, stiffness=1e-3 * one.stiffness) for one in robot.joints)
+    strong = tuple(replace(one, upper=1e3 * one.upper) for one in robot.actuators)
+    found = unbalanced(softdyn.build(replace(robot, joints=soft)))
+    assert sum("times the stiffness" in line for line in found) == 1
+    pulls = list(unbalanced(softdyn.build(replace(robot, actuators=strong))))
+    assert len(pulls) == len(strong)
+    assert pulls[0].startswith(f"actuator {strong[0].name!r}: its full pull bends the arm by ")
+
+
+def test_an_arm_without_inputs_that_gravity_overcomes_everywhere(tmp_path: Path) -> None:
+    text = links(1, True, 1e-3).replace('lower="-3" upper="3"', 'lower="-1" upper="1"')
+    doubts = diagnose(load(tmp_path, text), 3).doubts
+    assert any("gravity wins at all 6 poses, and no input holds" in line for line in doubts)
+    hangs = diagnose(load(tmp_path, links(2, False, STIFFNESS)), 3).doubts
+    assert not any("gravity wins" in line for line in hangs)
 
 
 @pytest.mark.parametrize("share", [0.99, 1.01])

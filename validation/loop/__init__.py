@@ -8,7 +8,6 @@
 - `observation`: an observer between the sensors and the controller
 - `time_grid`: the division of a run into control periods and plant steps
 - `record`: a log's arrays while the loop fills them, the controller's counts, versions
-- `summary`: the figures of a run as text
 - `certificate`: the true rate of V along a run, beside the rate that its QP assumed
 - `verdict`: early ends of a run, failures, whether the run reached its reference
 - `log`: the record of a run: its channels, its figures of merit, its summary

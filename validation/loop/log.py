@@ -17,9 +17,9 @@ from softdyn.safety import Surroundings
 from softdyn.validation.channels import LogChannel
 from softdyn.validation.loop import log_files
 from softdyn.validation.loop import verdict as judged
+from softdyn.validation.loop.experiment import ROLLOUT
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.metrics import CM, SIGMAS, mean_square
-from softdyn.validation.loop.summary import report, summary_text
 from softdyn.validation.loop.verdict import Verdict
 
 STEP_TIMES = {"median": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}  # percentiles
@@ -173,8 +173,9 @@ class Log:
     start: str = ""
 
     def __post_init__(self) -> None:
+        taken = {field.name for field in fields(self)}
         for name, channel in self.channels.items():
-            if getattr(Log, name, None) is not None:
+            if name in taken or getattr(Log, name, None) is not None:
                 raise InputError("channels", "a name that is no attribute of a log", name)
             object.__setattr__(self, name, channel.values)
         freeze((self.u_min, self.u_max, *(channel.values for channel in self.channels.values())))
@@ -366,7 +367,33 @@ class Log:
 
     def report(self, tolerance: float | None = None) -> dict[str, Any]:
         """The run's figures with the keys of the commands' JSON; `tolerance` is in m."""
-        return report(self, tolerance)
+        found, least = self.verdict(tolerance), self.least_reserve
+        made = {
+            "robot": self.robot,
+            "controller": self.controller,
+            "kind": self.kind,
+            "final_error_cm": self.final_error_cm,
+            "mse_cm2": self.mse_cm2,
+            "failed": self.failed,
+            "reason": self.reason,
+            "steps": self.steps,
+            "step_us": self.step_times_us,
+            "not_solved": self.not_solved,
+            "fallbacks": self.fallbacks,
+            "max_bound_violation": self.max_bound_violation,
+            "start": self.start or None,
+            "verdict": "failed" if self.failed else ("reached" if found.reached else "not reached"),
+            **found.to_dict(),
+        }
+        if self.missed is not None:
+            made |= {"missed": int(np.nansum(self.missed)), "jitter_us": self.jitter_us}
+        if least:
+            made["reserve_mm"] = {name: 1e3 * m for name, m in least.items()}
+        if self.disturbance_names:
+            made["disturbances"] = self.disturbance_figures
+        if self.task_names:
+            made |= {"tasks": self.task_figures, "missed_tasks": [*found.missed_tasks]}
+        return made
 
     def summary(
         self, beside: Mapping[str, str] | None = None, tolerance: float | None = None
@@ -380,7 +407,82 @@ class Log:
         tolerance : float, optional
             Tolerance of the `verdict` (m).
         """
-        return summary_text(self, beside, tolerance)
+        if self.kind == ROLLOUT:
+            text = judged.rollout_text(self.robot, self.t[-1], self.y[-1], self.reason)
+            return text + (f"\nstart: {self.start}" if self.start else "")
+        sp, tt = (
+            f"   {beside[name]}" if beside and name in beside else ""
+            for name in ("final_error_cm", "mse_cm2")
+        )
+        lines = [
+            f"{self.robot}{f' in {self.plant}' if self.plant else ''}, {self.controller}, "
+            f"{judged.goal_text(self.theta, self.omega, self.y_ref)}: {self.t[-1]:g} s of "
+            f"{self.duration:g} s, period {1e3 * self.period:g} ms",
+            *([f"start          {self.start}"] if self.start else []),
+            f"final error    {self.final_error_cm:.3f} cm{sp}",
+            f"mean |e|^2     {self.mse_cm2:.3f} cm²{tt}",
+        ]
+        if self.steps:
+            parts = ", ".join(f"{name} {value:.0f}" for name, value in self.step_times_us.items())
+            lines.append(f"step time      {parts} us over {self.steps} steps")
+        if self.missed is not None and self.steps:
+            parts = ", ".join(f"{name} {value:.0f}" for name, value in self.jitter_us.items())
+            lines.append(
+                f"clock          periods began late by {parts} us; "
+                f"{np.nansum(self.missed):.0f} deadlines missed"
+            )
+        beyond = self.max_bound_violation
+        lines.append(
+            f"solver         {self.not_solved} not solved, {self.fallbacks} fallbacks, "
+            + (
+                f"answers up to {beyond:.2g} beyond the bounds, clipped"
+                if beyond
+                else "inputs in bounds"
+            )
+        )
+        lines += judged.task_lines(self.task_figures)
+        found = self.verdict(tolerance)
+        if found.activity is not None:
+            lines.append(
+                f"inputs         change by {found.activity:.3g} of their range a second, "
+                f"{found.at_bound:.0%} of the time at a bound"
+            )
+        if found.overshoot is not None and found.overshoot > 1e-3:
+            lines.append(f"overshoot      {found.overshoot:.1%} of the way")
+        if found.missed:
+            lines.append(
+                f"deadlines      MISSED {found.missed} of {self.steps}: steps longer than the "
+                f"period of {1e3 * self.period:g} ms"
+            )
+        for name, (value, half, unit) in self.disturbance_figures.items():
+            lines.append(f"estimated      {name} {value:.3g} ± {half:.2g} {unit}".rstrip())
+        if self.least_reserve:
+            parts = ", ".join(f"{name} {1e3 * m:.2f}" for name, m in self.least_reserve.items())
+            lines.append(f"least reserve  {parts} mm")
+        return "\n".join([*lines, self._verdict_text(found)])
+
+    def _verdict_text(self, found: Verdict) -> str:
+        """The last line of a summary."""
+        if self.failed:
+            return f"failed: {self.reason}"
+        if not self.complete:
+            return "not reached: the run is not over"
+        first, last = (CM * math.dist(self.y[i], self.y_ref[i]) for i in (0, -1))
+        wanted, steady = (f"{CM * x:.3g} cm" for x in (found.tolerance, found.steady_error))
+        if found.by_tasks:
+            missed = ", ".join(found.missed_tasks)
+            what = (
+                f"beyond their tolerance: {missed}"
+                if missed
+                else "all tasks within their tolerance"
+            )
+        elif self.moving:
+            what = f"rms error of {steady} over the last cycle, tolerance {wanted}"
+        else:
+            what = f"|e| fell from {first:.3f} to {last:.3f} cm, tolerance {wanted}"
+            if found.settling_time is not None:
+                what += f", within it since {found.settling_time:.3g} s"
+        return ("reached: " if found.reached else "not reached: ") + what
 
     @property
     def disturbance_figures(self) -> dict[str, tuple[float, float, str]]:
@@ -436,14 +538,24 @@ class Log:
         return cls._of(*log_files.load_npz(path))
 
     @classmethod
-    def from_csv(cls, path: str | Path) -> Log:
-        """Read a log exactly as `to_csv` wrote it.
+    def from_csv(cls, path: str | Path, model: SoftModel | None = None) -> Log:
+        """Read a log exactly as `to_csv` wrote it, or what a rig recorded.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+        model : SoftModel, optional
+            The robot of a recording, which is a file without a log's settings; see
+            `log_files.load_recording`.
 
         Raises
         ------
         InputError
             The file cannot be read, or is not a complete, consistent log of this version.
         """
+        if model is not None and not log_files.is_log(path):
+            return cls._of(*log_files.load_recording(path, model))
         return cls._of(*log_files.load_csv(path))
 
     def _about(self) -> dict[str, Any]:

@@ -6,17 +6,21 @@ import csv
 import io
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from softdyn import InputError
+from softdyn import InputError, SoftModel
 from softdyn.csv_table import CsvTable
+from softdyn.description.robot import input_unit
 from softdyn.validation.arrays import read_npz
-from softdyn.validation.channels import LogChannel
+from softdyn.validation.channels import LogChannel, every_run
 from softdyn.validation.files import atomic, write_text
+from softdyn.validation.loop.experiment import ROLLOUT
 from softdyn.validation.loop.log_checks import FORMAT, check
+from softdyn.validation.loop.logged_robot import LoggedRobot
 
 Channels = dict[str, LogChannel]
 DECLARED = ("columns", "units", "held", "title", "text")  # fields of a channel besides its values
@@ -99,7 +103,8 @@ def load_csv(path: str | Path) -> tuple[Channels, dict[str, Any]]:
     """
     file = CsvTable(path)
     if SETTINGS not in file.titles:
-        raise InputError(f"{path}: header", f"a column {SETTINGS!r}, as a log has it", "none")
+        expected = f"a column {SETTINGS!r}, as a log has it, or the robot of a recording"
+        raise InputError(f"{path}: header", expected, "neither")
     found, about = _declared(str(path), "".join(file.cells(SETTINGS)))
     channels = {}
     for name, channel in found.items():
@@ -113,6 +118,64 @@ def load_csv(path: str | Path) -> tuple[Channels, dict[str, Any]]:
                     raise InputError(f"{path}: column {title}", "numbers", "others") from None
         shaped = values if channel.columns is not None else values[:, 0]
         channels[name] = channel.filled(shaped.astype(str) if channel.text else shaped)
+    check(str(path), channels, about)
+    return channels, about
+
+
+def is_log(path: str | Path) -> bool:
+    """Whether a CSV file has a log's settings."""
+    return SETTINGS in CsvTable(path).titles
+
+
+def load_recording(path: str | Path, model: SoftModel) -> tuple[Channels, dict[str, Any]]:
+    """The channels and the settings of a CSV file that a rig recorded.
+
+    It has ``t`` (s) and ``q.JOINT`` for every joint, and may have ``v.JOINT``, ``u.INPUT``,
+    ``target.x``, ``.y`` and ``.z``, and the commands, acting inputs and readings of a rig. Missing
+    velocities are differences, missing inputs the ones nearest to 0.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, lacks a column, or has numbers that no run has.
+    """
+    file, found = CsvTable(path), {channel.name: channel for channel in every_run(model)}
+    t = file.numbers(["t"])[:, 0]
+    if len(t) < 2 or not (np.diff(t) > 0).all():
+        raise InputError(f"{path}: column t", "two increasing times or more", "others")
+    q = file.numbers(found["q"].names)
+    rest = np.tile(np.clip(np.zeros(model.nu), model.u_min, model.u_max), (len(t), 1))
+    usual = {"u": rest, "y_ref": np.full((len(t), 3), np.nan)}
+    if model.nq == model.nv:
+        usual["v"] = np.gradient(q, t, axis=0)
+    given = {}
+    for name in ("u", "v", "y_ref"):
+        there = {*found[name].names} <= {*file.names}
+        given[name] = file.numbers(found[name].names) if there or name not in usual else usual[name]
+    y = np.array([model.state(*state).y for state in zip(q, given["v"], strict=True)])
+    values = given | {"t": t - t[0], "q": q, "y": y, "error": y - given["y_ref"]}
+    for prefix in ("command", "acting", "measured"):
+        names = [name for name in file.names if name.startswith(f"{prefix}.")]
+        if names:
+            columns = ((name.partition(".")[2], "") for name in names)
+            found[prefix] = LogChannel.of(prefix, columns, held=prefix == "command")
+            values[prefix] = file.numbers(names, (f"{prefix}.",))
+    channels = {}
+    for name, channel in found.items():
+        array = values.get(name, channel.empty(len(t) + channel.held))
+        array = array[: len(t) - channel.held]
+        channels[name] = channel.filled(array.astype(str) if channel.text else array)
+    period, aims = float(np.median(np.diff(t))), bool(np.isfinite(given["y_ref"]).all())
+    about = {
+        "u_min": model.u_min.tolist(), "u_max": model.u_max.tolist(),
+        "u_unit": input_unit(model.robot), "robot": model.bundled or model.name,
+        "controller": Path(path).name, "kind": None if aims else ROLLOUT, "theta": None,
+        "omega": None, "duration": float(t[-1] - t[0]), "period": period, "timestep": period,
+        "length": model.robot.length or None, "contacts": False, "complete": True, "failed": False,
+        "reason": None, "not_solved": 0, "fallbacks": 0, "max_bound_violation": 0.0, "gains": None,
+        "versions": {}, "source": asdict(LoggedRobot.of(model)), "plant": Path(path).name,
+        "marks": [], "obstacles": None, "start": "",
+    }  # fmt: skip
     check(str(path), channels, about)
     return channels, about
 

@@ -117,6 +117,9 @@ def lost_rig(robot: Robot) -> Iterator[str]:
     for tendon in robot.tendons:
         if tendon.friction:
             yield f"tendon {tendon.name!r}: its friction of {tendon.friction:g}"
+        for wrap in tendon.wraps:
+            if wrap.friction:
+                yield f"tendon {tendon.name!r}: the friction {wrap.friction:g} of a round body"
     for actuator in robot.actuators:
         if math.isfinite(actuator.rate):
             yield f"actuator {actuator.name!r}: the bound {actuator.rate:g}/s of its command's rate"

@@ -8,6 +8,7 @@ mass too small to influence the dynamics.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
 from lxml import etree
@@ -22,13 +23,13 @@ from softdyn.description.visuals import (
     visuals,
 )
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
-from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, NeutralTendon, Point
 from softdyn.validation.mjcf.rig_to_mjcf import add_motor, add_sensors, lost_rig
 from softdyn.validation.mjcf.transform import Transform
 from softdyn.validation.mjcf.xml_text import Names, add, text
 from softdyn.validation.twin.bodies import Shape as Collision
 from softdyn.validation.twin.bodies import Tree, read_bodies
-from softdyn.validation.twin.build import neighbours
+from softdyn.validation.twin.build import OFF_SURFACE, ON_SURFACE, neighbours
 from softdyn.validation.twin.drives import LARGEST_FORCE, UNBOUNDED, frame_name, slack_name
 from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF
 
@@ -92,6 +93,7 @@ class _Writer:
         self._sites = Names()
         self._meshes = Names()
         self._origin: dict[int, np.ndarray] = {WORLD: np.zeros(3)}
+        self._lengths = _lengths(robot, neutral)
 
     def write(self, timestep: float, shapes: bool, contacts: bool) -> str:
         """The whole document."""
@@ -193,9 +195,12 @@ class _Writer:
         origin = self._origin[k]
         for cable in self._neutral.cables:
             for index, point in enumerate(cable.path):
-                if point.part == k:
+                if point.part == k and point.around in ("", "its side"):
                     name = self._sites.new(f"{cable.name}:{index}")
-                    add(body, "site", name=name, pos=point.xyz - origin, size=0.002)
+                    place = site_place(cable.path, index)
+                    add(body, "site", name=name, pos=place - origin, size=0.002)
+                elif point.part == k and point.radius:
+                    self._around(body, cable, index, origin)
         task, pose = self._place[self._robot.task]
         if task == k:
             name = self._sites.new(TASK_SITE)
@@ -216,6 +221,17 @@ class _Writer:
             at = pose.translation + pose.rotation @ hull.pose[:3, 3]
             add(body, "geom", type=hull.kind, size=hull.size, pos=at - origin, group="3", mass=0,
                 quat=_quaternion(pose.rotation @ hull.pose[:3, :3]))  # fmt: skip
+
+    def _around(self, body: Element, cable: NeutralTendon, index: int, origin: np.ndarray) -> None:
+        """A round body of a cable as a geom without mass and contacts."""
+        centre, *more = cable.path[index : index + 2]
+        kind: dict[str, object] = {"type": "sphere", "size": centre.radius}
+        if more and more[0].around == "its axis":
+            turned = _from_z(more[0].xyz - centre.xyz)
+            length = self._lengths[cable.name, index]
+            kind = {"type": "cylinder", "size": (centre.radius, length / 2), "quat": turned}
+        add(body, "geom", name=f"{cable.name}:{index}", pos=centre.xyz - origin, mass=0,
+            contype="0", conaffinity="0", group="2", **kind)  # fmt: skip
 
     def _shape(self, body: Element, visual: Visual, origin: np.ndarray) -> None:
         """A visual as a geom without mass and collisions."""
@@ -280,8 +296,14 @@ class _Writer:
             )  # fmt: skip
             for joint, coefficient in cable.terms.items():
                 add(node, "joint", joint=joint, coef=coefficient)
-            for index in range(len(cable.path)):
-                add(node, "site", site=f"{cable.name}:{index}")
+            for index, point in enumerate(cable.path):
+                if not point.around:
+                    add(node, "site", site=f"{cable.name}:{index}")
+                elif point.radius:
+                    side = next((k for k, p in enumerate(cable.path[index + 1 : index + 3], 1)
+                                 if p.around == "its side"), None)  # fmt: skip
+                    name = None if side is None else f"{cable.name}:{index + side}"
+                    add(node, "geom", geom=f"{cable.name}:{index}", sidesite=name)
 
     def _ties(self, root: Element) -> None:
         if self._neutral.couplings:
@@ -313,6 +335,53 @@ class _Writer:
                 qpos.append(offsets.get(str(joint.get("name")), 0.0))
         if qpos:
             add(add(root, "keyframe"), "key", name="rest", qpos=qpos)
+
+
+def _lengths(robot: Robot, neutral: Neutral) -> dict[tuple[str, int], float]:
+    """The drawn length of each round body, by its cable and place in the neutral path."""
+    found = {}
+    for tendon, cable in zip(robot.tendons, neutral.cables, strict=True):
+        places = (index for index, point in enumerate(cable.path) if point.radius)
+        for index, wrap in zip(places, tendon.wraps, strict=True):
+            length = 4.0 * wrap.radius if wrap.length is None else wrap.length
+            found[cable.name, index] = length
+    return found
+
+
+def site_place(path: Sequence[Point], index: int) -> np.ndarray:
+    """The place (3,) of a site in MJCF.
+
+    A site on the surface of a round body of its part stands a little off it: if it is inside by
+    rounding, MuJoCo wraps nothing. A side point inside a cylinder stands in the middle: MuJoCo
+    takes it for an outer one if it is a radius away from there, along the axis too.
+    """
+    point = path[index]
+    for k, shape in enumerate(path):
+        if not shape.radius or shape.part != point.part:
+            continue
+        beside = [j for j, p in enumerate(path) if not p.around and (j == k - 1 or j > k)][:2]
+        side = point.around and k == max(j for j in range(index) if path[j].radius)
+        if not side and index not in beside:
+            continue
+        offset = across = point.xyz - shape.xyz
+        if k + 1 < len(path) and path[k + 1].around == "its axis":
+            axis = path[k + 1].xyz - shape.xyz
+            across = offset - (offset @ axis) / (axis @ axis) * axis
+        distance = float(np.linalg.norm(across))
+        if side:
+            inside = distance < shape.radius <= np.linalg.norm(offset)
+            return shape.xyz if inside else point.xyz
+        if abs(distance / shape.radius - 1.0) < ON_SURFACE:
+            return point.xyz + across * ((1.0 + OFF_SURFACE) * shape.radius / distance - 1.0)
+    return point.xyz
+
+
+def _from_z(axis: np.ndarray) -> np.ndarray:
+    """(w, x, y, z) of a rotation that takes z to an axis."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.align_vectors(axis[None], [[0.0, 0.0, 1.0]])[0].as_quat()
+    return np.array([w, x, y, z])
 
 
 def _snaps(offset: np.ndarray) -> bool:

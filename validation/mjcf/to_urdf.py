@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from softdyn.description.annotations import ON_RADIUS
 from softdyn.description.rig import CommandKind
 from softdyn.description.robot import (
     ZERO,
@@ -27,9 +28,10 @@ from softdyn.description.robot import (
     Site,
     Tendon,
     Vector,
+    Wrap,
     deepest_leaf,
 )
-from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, NeutralTendon, Part, Point
 from softdyn.validation.mjcf.transform import angles
 from softdyn.validation.mjcf.xml_text import Names
 
@@ -156,8 +158,11 @@ def _sprung(source: Neutral) -> set[str]:
 def _tendons(source: Neutral, link_of: dict[int, str], lost: list[str]) -> Iterator[Tendon]:
     """The tendons that the format can state."""
     for cable in source.cables:
-        if any(point.around for point in cable.path):
-            lost.append(f"tendon {cable.name!r}: pulleys, or shapes that it wraps")
+        if any(point.around.startswith("pulley") for point in cable.path):
+            lost.append(f"tendon {cable.name!r}: pulleys that divide its length")
+            continue
+        if inside := _sites_inside(cable.path):
+            lost.append(f"tendon {cable.name!r}: {inside}")
             continue
         slack, taut = cable.rest
         slackens = cable.slack and not _pushed(source, cable.name)
@@ -166,11 +171,64 @@ def _tendons(source: Neutral, link_of: dict[int, str], lost: list[str]) -> Itera
         if slack != taut and cable.stiffness:
             lost.append(f"tendon {cable.name!r}: that its spring is slack between two lengths")
         terms = [JointTerm(joint, coefficient) for joint, coefficient in cable.terms.items()]
-        sites = [Site(link_of[p.part], _place(source, p.part, p.xyz)) for p in cable.path]
+        sites = [
+            Site(link_of[p.part], _place(source, p.part, p.xyz)) for p in cable.path if not p.around
+        ]
+        wraps = tuple(_wraps(source, cable, link_of, lost))
         rest = taut if cable.stiffness else None
         yield Tendon(
             cable.name, tuple(terms), tuple(sites), cable.stiffness, cable.damping, rest, slackens,
-            *cable.friction,
+            *cable.friction, wraps,
+        )  # fmt: skip
+
+
+def _shapes(path: Sequence[Point]) -> Iterator[tuple[Point, Point | None, Point | None, int]]:
+    """The wrapped shapes of a path: centre, second point of the axis, side, site before it."""
+    for k, centre in enumerate(path):
+        if centre.radius:
+            more = {p.around: p for p in path[k + 1 : k + 3] if p.around.startswith("its")}
+            after = sum(not p.around for p in path[:k]) - 1
+            yield centre, more.get("its axis"), more.get("its side"), after
+
+
+def _across(centre: Point, axis: Point | None, point: np.ndarray) -> np.ndarray:
+    """The vector (3,) from a shape's centre to a point, normal to a cylinder's axis."""
+    offset = point - centre.xyz
+    if axis is None:
+        return offset
+    along = (axis.xyz - centre.xyz) / np.linalg.norm(axis.xyz - centre.xyz)
+    return offset - (offset @ along) * along
+
+
+def _sites_inside(path: Sequence[Point]) -> str:
+    """The reason why a path cannot be stated; empty if it can."""
+    sites = [point for point in path if not point.around]
+    for centre, axis, _, after in _shapes(path):
+        for site in sites[after : after + 2]:
+            if np.linalg.norm(_across(centre, axis, site.xyz)) < centre.radius * (1.0 - ON_RADIUS):
+                return "a site inside the shape that it wraps"
+    return ""
+
+
+def _wraps(
+    source: Neutral, cable: NeutralTendon, link_of: dict[int, str], lost: list[str]
+) -> Iterator[Wrap]:
+    """The shapes that a cable wraps."""
+    for centre, axis, side, after in _shapes(cable.path):
+        place = side
+        if side is not None and side.part != centre.part:
+            lost.append(f"tendon {cable.name!r}: a side site on another link")
+            place = None
+        if place is not None and axis is not None:
+            across, offset = _across(centre, axis, place.xyz), place.xyz - centre.xyz
+            outside = np.linalg.norm(offset) >= centre.radius
+            if outside and 0 < (distance := float(np.linalg.norm(across))) < centre.radius:
+                # MuJoCo counts the distance along the axis too, softdyn does not
+                place = Point(place.part, centre.xyz + across * (2 * centre.radius / distance))
+        yield Wrap(
+            link_of[centre.part], _place(source, centre.part, centre.xyz), centre.radius, after,
+            None if axis is None else tuple((axis.xyz - centre.xyz).tolist()),
+            None if place is None else _place(source, place.part, place.xyz),
         )  # fmt: skip
 
 

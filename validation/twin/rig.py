@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -16,6 +17,7 @@ from softdyn.checks import instance, instances, number, whole
 from softdyn.copies import Separate
 from softdyn.description.rig import LONGEST_DELAY, SMALLEST_WINCH, CommandKind, Sensor
 from softdyn.description.robot import MOST_FRICTION, Robot, Tendon
+from softdyn.plausible import beyond_seconds, too_slow
 from softdyn.toml_table import TomlTable
 from softdyn.validation.channels import LogChannel, inputs, positions, rates
 from softdyn.validation.twin.plant_errors import PlantErrors
@@ -88,8 +90,10 @@ class Rig:
     def __post_init__(self) -> None:
         for name in ("lag", "delay", "stiffness", "damping", "noise", "bias", "latency"):
             if getattr(self, name) is not None:
-                upper = LONGEST_DELAY if name in ("delay", "latency") else math.inf
-                number(name, getattr(self, name), lower=0.0, upper=upper)
+                time = name in ("lag", "delay", "latency")
+                if time and (got := beyond_seconds(getattr(self, name))):
+                    raise InputError(name, f"seconds, at most {LONGEST_DELAY:g}", got)
+                number(name, getattr(self, name), lower=0.0)
         if self.friction is not None:
             number("friction", self.friction, lower=0.0, upper=MOST_FRICTION)
         if self.rate is not None:
@@ -282,6 +286,9 @@ class RiggedPlant(Separate):
         self._drivers = Drivers(robot, self.twin.model.opt.timestep)
         self._errors = _Errors(rig, model, period) if rig.noise > 0 or rig.bias > 0 else None
         self.alters_states = self._errors is not None or rig.latency > 0
+        for name in ("lag", "delay", "latency"):
+            if line := too_slow(f"rig: {name}", getattr(rig, name) or 0.0, period):
+                warnings.warn(line, stacklevel=2)
         self._past: deque[State] = deque(maxlen=round(rig.latency / period) + 1)
         self._zero = np.clip(0.0, model.u_min, model.u_max)
         names = [actuator.name for actuator in robot.actuators]

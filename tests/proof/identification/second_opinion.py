@@ -24,17 +24,16 @@ from softdyn import InputError, SoftModel
 from softdyn.commands import cli
 from softdyn.identification import (
     Estimate,
-    FitProblem,
     Identified,
     Measurements,
     Parameter,
     fit_length,
     identify,
     member_values,
-    problem_of,
     read_csv,
     unknowns_of,
 )
+from softdyn.identification.dynamic_fit import DynamicFit
 from softdyn.validation.identification.trials import (
     Excitation,
     plant_steps,
@@ -192,7 +191,7 @@ def _interval(one: Estimate) -> str:
 
 def check(
     model: SoftModel, data: Measurements, unknowns: Sequence[Parameter], hold_out: float = 0.2
-) -> FitProblem:
+) -> DynamicFit:
     """The data of both fits: the part that is not held out, divided into stretches.
 
     Parameters
@@ -219,7 +218,7 @@ def check(
     if off > UNEVEN:
         raise InputError("second opinion", "times in equal steps", f"{off:.2g} of a step off")
     part = data.part(0, fit_length(data, hold_out))
-    problem = problem_of(model, part, tuple(unknowns), np.inf)
+    problem = DynamicFit.of(model, part, tuple(unknowns), np.inf)
     if problem.held.any():
         held = [model.joint_names[j] for j in np.flatnonzero(problem.held)]
         expected = "joints that leave their stops"
@@ -302,7 +301,7 @@ def second_opinion(
     return Opinion(ours, theirs, unidentified, float(np.abs(next_ / deviations).max()))
 
 
-def _first(sysid: Any, problem: FitProblem, k: int) -> Any:
+def _first(sysid: Any, problem: DynamicFit, k: int) -> Any:
     """The first state (2 n,) of a run, near the smoothed one.
 
     It must stay near, because strongly damped velocities do not show in the outputs, and far away
@@ -313,7 +312,7 @@ def _first(sysid: Any, problem: FitProblem, k: int) -> Any:
 
 
 def _residual(
-    sysid: Any, problem: FitProblem, k: int, twin: Twin, model: SoftModel, steps: int,
+    sysid: Any, problem: DynamicFit, k: int, twin: Twin, model: SoftModel, steps: int,
     noise: np.ndarray, build: Callable[[Any], mujoco.MjModel],
 ) -> Callable[[np.ndarray, Any], np.ndarray]:  # fmt: skip
     """Residuals of one run: data minus MuJoCo's rollout, over the noise, all outputs in a row."""

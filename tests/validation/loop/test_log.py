@@ -22,6 +22,7 @@ from softdyn.tasks.marks import marks_of
 from softdyn.validation import Log, Rig, paper, simulate
 from tests.support import micro, winched
 from tests.support.cart import TARGET, steer
+from tests.support.command import command
 from tests.support.logs import assert_same, channel, make_log
 
 
@@ -56,6 +57,39 @@ def test_a_csv_that_is_no_log_is_refused(log, tmp_path):
         (tmp_path / "bad.csv").write_text(text)
         with pytest.raises(InputError, match=r"bad\.csv"):
             Log.from_csv(tmp_path / "bad.csv")
+
+
+def test_a_recording_is_a_log_of_the_robot_that_is_given(tmp_path):
+    """Only times, joints and readings, from a clock that does not begin at 0, with a gap."""
+    model = softdyn.load("finger")
+    log = simulate(model, Impedance(model), paper.set_point("finger", 0.5), duration=0.1)
+    titles = ["t", *(f"q.{name}" for name in model.joint_names), "measured.ruler"]
+    rows = [
+        [7.0 + t, *q, "" if k == 3 else k]
+        for k, (t, q) in enumerate(zip(log.t, log.q, strict=True))
+    ]
+    path = tmp_path / "bench.csv"
+    path.write_text("\n".join(",".join(map(str, row)) for row in (titles, *rows)))
+    found = Log.from_csv(path, model)
+    np.testing.assert_array_equal(found.q, log.q)
+    np.testing.assert_allclose(found.y, log.y, atol=1e-12)
+    np.testing.assert_allclose(found.t, log.t, atol=1e-12)
+    moved = 0.5 * np.diff(found.t) @ (found.v[1:] + found.v[:-1])
+    np.testing.assert_allclose(moved, log.q[-1] - log.q[0], atol=0.02)
+    assert np.flatnonzero(np.isnan(found.measured[:, 0])).tolist() == [3]
+    assert found.controller == "bench.csv"
+    assert np.isnan(found.error).all()
+    found.save(tmp_path / "bench.npz")
+    assert_same(found, Log.load(tmp_path / "bench.npz"))
+    page = tmp_path / "page.html"
+    assert command("replay", path, "--robot", "finger", "--html", page).code == 0
+    assert page.stat().st_size > 10_000
+    log.to_csv(tmp_path / "run.csv")
+    assert command("replay", tmp_path / "run.csv", "--html", tmp_path / "run.html").code == 0
+    path.write_text(path.read_text().replace("q.joint2", "q.joint9"))
+    refused = command("replay", path, "--robot", "finger", "--html", page)
+    assert refused.code == 2
+    assert "one column q.joint2" in refused.err
 
 
 def test_a_log_of_a_large_robot_fits_in_the_cells_of_a_csv(log, tmp_path):

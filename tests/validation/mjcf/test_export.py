@@ -1,5 +1,7 @@
 """A robot written in the other format is the same robot."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from softdyn.validation import Twin, compare
 from softdyn.validation.mjcf import export, to_mjcf
 from softdyn.validation.mjcf.comparison.side import neutral
 from softdyn.validation.mjcf.to_urdf import to_urdf
+from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support import micro, pair_robots
 from tests.support.command import command
 
@@ -216,3 +219,79 @@ def test_a_follower_of_a_follower_and_a_slack_tendon_are_told(tmp_path):
     followed = {joint.name: joint.mimic and joint.mimic.leader for joint in robot.moving_joints}
     assert followed == {"a": None, "b": "a", "c": None}
     assert robot.tendons[0].rest == 0.3  # from there on it pulls
+
+
+@pytest.mark.parametrize("seed", [1, 2, 4])
+def test_cables_around_round_bodies_survive_both_ways(tmp_path, seed):
+    path, there, back = (tmp_path / name for name in ("a.urdf", "b.xml", "c.urdf"))
+    path.write_text(write(wrapped_robot(seed, 2)))
+    result, lost = export.write_mjcf(path, there)
+    assert result.passed, str(result)
+    assert not lost
+    result, lost = export.write_urdf(there, back)
+    assert result.passed, str(result)
+    assert not lost
+    model, again = softdyn.load(path), softdyn.load(back)
+    engine = mujoco.MjModel.from_xml_path(str(there))
+    data, q = mujoco.MjData(engine), np.random.default_rng(seed).uniform(-0.5, 0.5, model.nv)
+    data.qpos[[engine.joint(name).qposadr[0] for name in model.joint_names]] = q
+    mujoco.mj_forward(engine, data)
+    for each in (model, again):
+        turned = np.zeros(each.nv)
+        turned[[each.joint_names.index(name) for name in model.joint_names]] = q
+        lengths = each.tendon_lengths(each.configuration(turned))
+        np.testing.assert_allclose(lengths, data.ten_length, atol=1e-12)
+
+
+DRUM = """\
+<mujoco><compiler autolimits="true"/><worldbody><site name="a" pos="-0.2 0 -0.1"/>
+<geom name="drum" type="cylinder" size="0.03 0.1" zaxis="0 1 0" contype="0" conaffinity="0"/>
+<body name="load" pos="0.2 0 -0.1"><joint name="lift" type="slide" axis="0 0 1" range="-1 1"/>
+<geom size="0.01"/><site name="b"/><site name="side" pos="-0.2 0.04 0.15"/></body></worldbody>
+<tendon><spatial name="rope"><site site="a"/><geom geom="drum" sidesite="side"/><site site="b"/>
+</spatial></tendon></mujoco>"""
+
+
+def test_what_a_urdf_cannot_say_of_a_wrapped_shape(tmp_path):
+    """The side site is on another link; on the right link it is kept."""
+    source, target = tmp_path / "drum.xml", tmp_path / "drum.urdf"
+    source.write_text(DRUM)
+    _, lost = export.write_urdf(source, target)
+    assert "tendon 'rope': a side site on another link" in lost
+    (wrap,) = softdyn.load(target).robot.tendons[0].wraps
+    assert (wrap.side, wrap.radius) == (None, 0.03)
+    site = '<site name="side" pos="-0.2 0.04 0.15"/>'
+    fixed = '<site name="side" pos="0 0 0.05"/><geom name'
+    source.write_text(DRUM.replace(site, "").replace("<geom name", fixed))
+    _, lost = export.write_urdf(source, target)
+    assert not [line for line in lost if "rope" in line]
+    assert softdyn.load(target).robot.tendons[0].wraps[0].side == (0.0, 0.0, 0.05)
+    other = tmp_path / "other.urdf"
+    other.write_text(target.read_text().replace('radius="0.03" side', 'radius="0.031" side'))
+    (cause,) = compare(target, other).causes
+    assert (cause.kind, cause.where, cause.detail) == ("tendon", "rope", "around other shapes")
+
+
+def test_a_site_on_the_surface_is_wrapped_by_mujoco_too(tmp_path):
+    robot = wrapped_robot(7, 2)
+    tendon = robot.tendons[-1]
+    wrap = tendon.wraps[0]
+    away = np.cross(wrap.direction, [0.6, 0.8, 0.0])
+    on = wrap.xyz + wrap.radius * away / np.linalg.norm(away)
+    sites = list(tendon.sites)
+    sites[wrap.after] = replace(sites[wrap.after], link=wrap.link, xyz=tuple(on.tolist()))
+    model = softdyn.build(
+        replace(robot, tendons=(*robot.tendons[:-1], replace(tendon, sites=tuple(sites))))
+    )
+    path = tmp_path / "on.xml"
+    (tmp_path / "on.urdf").write_text(write(model.robot))
+    export.write_mjcf(tmp_path / "on.urdf", path)
+    engine = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(engine)
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        q = rng.uniform(-0.5, 0.5, model.nv)
+        data.qpos[[engine.joint(name).qposadr[0] for name in model.joint_names]] = q
+        mujoco.mj_forward(engine, data)
+        lengths = model.tendon_lengths(model.configuration(q))
+        np.testing.assert_allclose(lengths, data.ten_length, atol=1e-10)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import SetPoint
+from softdyn import InputError, SetPoint
 from softdyn.actuation import Winches
 from softdyn.validation import Rig, simulate
 from softdyn.validation.twin.rig import RiggedPlant
@@ -81,3 +81,11 @@ def test_a_velocity_leads_to_the_free_length_in_one_period(tmp_path) -> None:
     wanted = Winches(model, plant.twin.robot.actuators).commands(state, u)
     assert np.abs(wanted - before).min() > 0.01
     np.testing.assert_allclose(plant.twin.free_lengths, wanted, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["lag", "delay", "latency"])
+def test_times_in_milliseconds_are_doubted(name: str) -> None:
+    with pytest.raises(InputError, match=rf"{name}: expected seconds, at most 10, got 25: in ms"):
+        Rig(**{name: 25})
+    with pytest.warns(UserWarning, match=f"rig: {name} of 2 s is 400 control periods: in ms"):
+        RiggedPlant(Rig(**{name: 2.0}), softdyn.load("finger"), 0.005)

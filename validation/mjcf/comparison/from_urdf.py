@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, fields
 from itertools import pairwise
 from typing import Any
@@ -11,7 +12,16 @@ import numpy as np
 
 from softdyn.description.inertia import Inertia
 from softdyn.description.rig import Actuator
-from softdyn.description.robot import Robot, children, moving_link_of, poses
+from softdyn.description.robot import (
+    Robot,
+    Site,
+    Tendon,
+    Wrap,
+    children,
+    moving_link_of,
+    poses,
+)
+from softdyn.dynamics.wraps import body_of, course
 from softdyn.validation.mjcf.comparison.neutral import (
     WORLD,
     Coupling,
@@ -21,6 +31,7 @@ from softdyn.validation.mjcf.comparison.neutral import (
     NeutralTendon,
     Part,
     Point,
+    shape_points,
 )
 from softdyn.validation.mjcf.compiled_rig import NeutralSensor
 from softdyn.validation.mjcf.transform import Transform
@@ -83,14 +94,17 @@ def from_urdf(robot: Robot) -> Neutral:
     }
     cables = []
     for tendon in robot.tendons:
-        path = tuple(Point(on(s.link), placed[s.link].at(np.array(s.xyz))) for s in tendon.sites)
-        rest = tendon.rest
-        if rest is None:
-            rest = float(sum(np.linalg.norm(b.xyz - a.xyz) for a, b in pairwise(path)))
+        path: list[Point] = []
+        for part in tendon.path:
+            if isinstance(part, Site):
+                path.append(Point(on(part.link), placed[part.link].at(np.array(part.xyz))))
+            elif isinstance(part, Wrap):
+                path += _around(part, on(part.link), placed[part.link])
+        rest = _length(tendon, placed) if tendon.rest is None else tendon.rest
         terms = {term.joint: term.coef for term in tendon.terms}
         cables.append(
             NeutralTendon(
-                tendon.name, terms, path, tendon.stiffness, tendon.damping, (rest, rest),
+                tendon.name, terms, tuple(path), tendon.stiffness, tendon.damping, (rest, rest),
                 slack=tendon.slack and (tendon.stiffness or tendon.damping) > 0,
                 friction=(tendon.friction, tendon.driven),
             )
@@ -150,6 +164,28 @@ def _by_name(robot: Robot) -> tuple[str, ...]:
     }
     walked = [above[link] for link in _depth_first(robot.root, below)]
     return tuple(joint.name for joint in walked if joint.moves)
+
+
+def _around(wrap: Wrap, part: int, pose: Transform) -> Iterator[Point]:
+    """The points that stand for a round body."""
+    side = None if wrap.side is None else Point(part, pose.at(np.array(wrap.side)))
+    axis = None if wrap.axis is None else pose.rotation @ wrap.direction
+    return shape_points(part, pose.at(np.array(wrap.xyz)), wrap.radius, axis, side)
+
+
+def _length(tendon: Tendon, placed: Mapping[str, Transform]) -> float:
+    """Length of a path at q = 0."""
+    between, total = {wrap.after: wrap for wrap in tendon.wraps}, 0.0
+    for k, (a, b) in enumerate(pairwise(tendon.sites)):
+        ends = [placed[site.link].at(np.array(site.xyz)) for site in (a, b)]
+        wrap = between.get(k)
+        if wrap is None:
+            total += float(np.linalg.norm(ends[1] - ends[0]))
+            continue
+        (body, axes), pose = body_of(wrap), placed[wrap.link]
+        here = [axes.T @ (pose.rotation.T @ (x - pose.translation) - wrap.xyz) for x in ends]
+        total += course(body, *here).length
+    return total
 
 
 def _efforts(robot: Robot) -> dict[str, float]:

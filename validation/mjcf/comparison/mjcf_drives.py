@@ -19,12 +19,12 @@ from softdyn.validation.mjcf.comparison.neutral import (
     NeutralTendon,
     Numbers,
     Point,
+    shape_points,
 )
 from softdyn.validation.mjcf.compiled_fields import value_of
 from softdyn.validation.mjcf.compiled_rig import bound, rig_of, slack_of, spring_of
 from softdyn.validation.mjcf.transform import Transform
 
-AXIS = 0.1  # m along a cylinder's axis to the second point, which gives its direction
 ROUNDING = 1e-9  # m, and for numbers after rotations
 Told = dict[tuple[str, int], dict[str, Numbers]]  # as returned by `compiled_fields.told`
 Shares = dict[tuple[str, int], tuple[float, np.ndarray]]  # armature, damping coefficients (3,)
@@ -232,26 +232,22 @@ def tendons_of(place: Places, shares: Shares, told: Told) -> tuple[NeutralTendon
     return tuple(found)
 
 
-def _point(frame: Frame, around: str = "") -> Point:
-    return Point(frame.part, frame.pose.translation, around)
+def _point(frame: Frame) -> Point:
+    return Point(frame.part, frame.pose.translation)
 
 
 def _wrapped(place: Places, w: int) -> Iterator[Point]:
     """The shape that a path wraps: centre, second point on a cylinder's axis, side site."""
     model, data = place.model, place.data
-    geom = int(model.wrap_objid[w])
-    part, centre = place.carrier[model.geom_bodyid[geom]], data.geom_xpos[geom].copy()
-    size = f"radius {model.geom_size[geom, 0]:.6g}"
-    if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_CYLINDER:
-        axis = data.geom_xmat[geom].reshape(3, 3)[:, 2]
-        # both senses give the same cylinder: take that whose first nonzero component is > 0
-        sense = np.sign(axis[np.abs(axis) > 1e-6][0])
-        yield Point(part, centre, f"cylinder of {size}")
-        yield Point(part, centre + AXIS * sense * axis, "its axis")
-    else:
-        yield Point(part, centre, f"sphere of {size}")
-    if (side := int(model.wrap_prm[w])) >= 0:
-        yield _point(place.site(side), "its side")
+    geom, side = int(model.wrap_objid[w]), int(model.wrap_prm[w])
+    round_ = model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_CYLINDER
+    return shape_points(
+        place.carrier[model.geom_bodyid[geom]],
+        data.geom_xpos[geom].copy(),
+        float(model.geom_size[geom, 0]),
+        data.geom_xmat[geom].reshape(3, 3)[:, 2] if round_ else None,
+        _point(place.site(side)) if side >= 0 else None,
+    )
 
 
 # -- equalities ------------------------------------------------------------------------------------

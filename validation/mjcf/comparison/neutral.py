@@ -7,7 +7,7 @@ frames. Two files of the same robot give the same numbers.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -26,6 +26,7 @@ WORLD = -1  # the parent of parts on the fixed root
 FREEDOMS = {"hinge": 1, "slide": 1, "ball": 3, "free": 6}
 STRAIGHT = 1e-9  # relative excess of a way that still counts as straight
 GRAVITY = np.array([0.0, 0.0, -9.81])
+AXIS = 0.1  # m along a cylinder's axis to the second point, which gives its direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,11 +111,30 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A point (3,) of a cable's path on a part, or on the root; `around` is a wrapped shape."""
+    """A point (3,) of a cable's path on a part, or on the root.
+
+    `around` is a wrapped shape: its kind and `radius` at its centre, then ``its axis`` for a second
+    point on a cylinder's axis, then ``its side`` for its side point.
+    """
 
     part: int
     xyz: np.ndarray
     around: str = ""
+    radius: float = 0.0
+
+
+def shape_points(
+    part: int, centre: np.ndarray, radius: float, axis: np.ndarray | None, side: Point | None
+) -> Iterator[Point]:
+    """The points of a wrapped sphere, or of a cylinder about the unit vector `axis`."""
+    kind = "sphere" if axis is None else "cylinder"
+    yield Point(part, centre, f"{kind} of radius {radius:.6g}", radius)
+    if axis is not None:
+        # both senses give the same cylinder: take that whose first nonzero component is > 0
+        sense = np.sign(axis[np.abs(axis) > 1e-6][0])
+        yield Point(part, centre + AXIS * sense * axis, "its axis")
+    if side is not None:
+        yield replace(side, around="its side")
 
 
 @dataclass(frozen=True, eq=False)

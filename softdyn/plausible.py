@@ -1,0 +1,51 @@
+"""Rules for numbers that are valid and not plausible: ratios to weight, stiffness and period.
+
+A wrong unit changes a ratio by 10³ or 10⁶, whatever the robot's size. `softdyn check` reports what
+these rules find, `softdyn new` refuses it, and a rig's times are held against the control period.
+"""
+
+from __future__ import annotations
+
+from softdyn.description.rig import LONGEST_DELAY
+
+WEIGHT = 1e4
+"""m g L Σ 1/k of an arm of weight m g, length L and springs k: 8 times its sag over its length."""
+BEND = 0.03, 300.0
+"""Angle (rad) by which a pull alone bends the weightless arm. The upper bound is for design."""
+STRONG = 100.0, 30.0
+"""A pull is too strong if it bends the weightless arm by more than this (rad), and if its moment is
+more than so many times that of the arm's weight about its base."""
+SLOW = 1.0, 100.0
+"""A rig's time is doubtful if it is more than this (s), and so many control periods."""
+
+
+def too_heavy(weight: float) -> bool:
+    """Whether m g L Σ 1/k, the weight against the springs, is not plausible."""
+    return weight > WEIGHT
+
+
+def too_strong(bend: float, moment: float) -> bool:
+    """Whether a pull is not plausible.
+
+    Parameters
+    ----------
+    bend : float
+        Angle (rad) by which it alone bends the weightless arm.
+    moment : float
+        Its largest moment over that of the arm's weight, m g L.
+    """
+    return bend > STRONG[0] and moment > STRONG[1]
+
+
+def too_slow(name: str, value: float, period: float) -> str | None:
+    """One line about a time (s) of a rig, if it is not plausible with this control period (s)."""
+    if not (value > SLOW[0] and value > SLOW[1] * period):
+        return None
+    return f"{name} of {value:g} s is {value / period:.3g} control periods: in ms?"
+
+
+def beyond_seconds(value: object) -> str | None:
+    """What to say of a time in place of a number of seconds up to the longest delay."""
+    if isinstance(value, int | float) and value > LONGEST_DELAY:
+        return f"{value:g}: in ms?"
+    return None
