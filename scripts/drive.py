@@ -186,14 +186,14 @@ def hold(model: SoftModel, arguments: cli.Arguments, limits: Any) -> Drive:
 
 
 def held_text(log: Any, model: SoftModel) -> str:
-    """The readings at the end beside the model's at rest under the same forces."""
+    """The readings at the end beside the model's at the estimated state."""
     import numpy as np
 
     state = model.state(log.q[-1], log.v[-1])
     expected = np.asarray(model.measure(state, log.acting[-1]))
-    rows = zip(log.sensor_names, log.measured[-1], expected, log.sensor_units, strict=True)
+    rows = zip(log.columns("measured"), log.measured[-1], expected, strict=True)
     lines = [f"{'reading':16}{'measured':>12}{'estimated':>12}"]
-    lines += [f"{name:16}{read:12.5g}{there:12.5g} {unit}" for name, read, there, unit in rows]
+    lines += [f"{name:16}{read:12.5g}{there:12.5g} {unit}" for (name, unit), read, there in rows]
     return "\n".join(lines)
 
 

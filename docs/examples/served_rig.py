@@ -8,6 +8,7 @@ import math
 import os
 import select
 import socket
+from typing import Any
 
 PORT = int(os.environ.get("SERVED_RIG", "7600"))
 
@@ -17,7 +18,8 @@ class ServedRig:
 
     def __init__(self, model):
         self.size = sum(sensor.kind.size for sensor in model.robot.sensors)
-        self.link, self.rest = None, b""
+        self.link: Any = None
+        self.rest = b""
 
     def start(self):
         self.link = socket.create_connection(("127.0.0.1", PORT), timeout=1.0)
