@@ -84,9 +84,23 @@ def test_a_finger(tmp_path):
     assert crosscheck(model, samples=2, trajectories=False).passed
 
 
+def test_a_finger_with_pulleys(tmp_path):
+    """While a cable touches its pulleys, their radii are its moment arms."""
+    text = FINGER.replace("moment_arm_mm = [7, 6, 5]", "pulley_mm = [8, -6, 5]")
+    model = written(text, tmp_path)
+    (cable, plain) = model.robot.tendons
+    assert [wrap.radius for wrap in cable.wraps] == [0.008, 0.006, 0.005]
+    assert not plain.wraps
+    for q in (model.q0, np.array([-0.3, 0.2, -0.1])):
+        np.testing.assert_allclose(-model.tendon_moment_arms(q)[0], [8e-3, -6e-3, 5e-3], rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("text", "old", "wrong", "message"),
     [
+        (FINGER, "moment_arm_mm = [7, 6, 5]", "", "expected moment_arm or pulley, got neither"),
+        (FINGER, "moment_arm_mm = [7, 6, 5]", "pulley_mm = [8, 16, 5]", "a radius below 0.015 m"),
+        (FINGER, "moment_arm_mm = [7]", "pulley_mm = [7]", "no antagonist of a cable around"),
         (SPIRAL, "ratio = 0.82", "ratio = -0.82", "[log_spiral]: ratio: expected a finite number"),
         (
             SPIRAL,
