@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
@@ -161,7 +161,7 @@ class Wrap:
         axis = np.array((0.0, 0.0, 1.0) if self.axis is None else self.axis)
         return axis / np.linalg.norm(axis)
 
-    def across(self, point: np.ndarray) -> np.ndarray:
+    def across(self, point: Sequence[float] | np.ndarray) -> np.ndarray:
         """The vector (3,) from the centre to a point in the link's frame, normal to the axis.
 
         For a sphere it is the whole vector.

@@ -7,6 +7,8 @@
 - `engine`: Pinocchio's model, built and checked against the strict parse, and views of its memory;
 - `kernels`: a State in one compiled function: M, g, the tip's J and J̇, forces;
 - `tendons`: lengths, moment arms ∂ℓ/∂q of fixed and spatial tendons, and their gradients;
+- `wraps`: a cable's course around a cylinder or a sphere, with derivatives; `wrapped_paths`: the
+  tendons that run around such bodies;
 - `points`: a point of a body, its Jacobian and the Jacobian's derivative;
 - `coordinates`: places in q of each joint: continuous joints, floating bases;
 - `balance`: r = M a + h - B u - E d and its Jacobians, with winches and slow disturbances;

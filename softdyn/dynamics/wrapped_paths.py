@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softdyn.description.robot import Tendon
-from softdyn.dynamics.wraps import Body, Contact, Course, body_of, course
+from softdyn.dynamics.wraps import Contact, Course, RoundBody, body_of, course
 
 Anchor = Callable[[str, np.ndarray], tuple[int, np.ndarray]]
 
@@ -32,7 +32,7 @@ class WrappedPiece:
     ----------
     tendon, after : int
         The cable, and the index of the site before the body.
-    body : Body
+    body : RoundBody
         The round body.
     carrier : int
         The moving body that carries it.
@@ -49,7 +49,7 @@ class WrappedPiece:
 
     tendon: int
     after: int
-    body: Body
+    body: RoundBody
     carrier: int
     centre: np.ndarray
     axes: np.ndarray

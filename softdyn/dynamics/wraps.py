@@ -58,7 +58,7 @@ class Contact(Enum):
     """It bends at a point inside the body."""
 
 
-class Body(NamedTuple):
+class RoundBody(NamedTuple):
     """A round body in its own frame.
 
     Attributes
@@ -151,7 +151,7 @@ class _Curved(NamedTuple):
 Points = tuple[float, float, float, float]
 
 
-def body_of(wrap: Wrap) -> tuple[Body, np.ndarray]:
+def body_of(wrap: Wrap) -> tuple[RoundBody, np.ndarray]:
     """A described round body, and its frame's axes in the link's frame as columns (3, 3)."""
     axis = wrap.direction
     across = np.eye(3)[int(np.argmin(np.abs(axis)))]
@@ -159,10 +159,10 @@ def body_of(wrap: Wrap) -> tuple[Body, np.ndarray]:
     first /= np.linalg.norm(first)
     axes = np.column_stack((first, np.cross(axis, first), axis))
     side = None if wrap.side is None else axes.T @ wrap.across(wrap.side)
-    return Body(wrap.radius, wrap.axis is None, side, wrap.inside), axes
+    return RoundBody(wrap.radius, wrap.axis is None, side, wrap.inside), axes
 
 
-def course(body: Body, a: np.ndarray, b: np.ndarray, *, bends: bool = False) -> Course:
+def course(body: RoundBody, a: np.ndarray, b: np.ndarray, *, bends: bool = False) -> Course:
     """The course of a cable from a to b (3,), with second derivatives if it `bends`."""
     axes = _plane_of(body, a, b)
     d = (*(axes[:2] @ a).tolist(), *(axes[:2] @ b).tolist())
@@ -180,7 +180,7 @@ def course(body: Body, a: np.ndarray, b: np.ndarray, *, bends: bool = False) -> 
     return _on_cylinder(found, curved, float(a[2]), float(b[2]))
 
 
-def _plane_of(body: Body, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _plane_of(body: RoundBody, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Axes (3, 3), as rows: two in the plane, and its normal."""
     if not body.sphere:
         return np.eye(3)
@@ -364,8 +364,8 @@ def _bent(plane: _Plane, d: Points, r: float) -> _Curved:
         own = np.zeros(4)
         own[here] = turning[here]
         rates.append(own - float(turning[here] @ along) * moved)
-    u = plane.gradient
-    opens = math.copysign(1.0, u[0] * u[3] - u[1] * u[2])
+    ux, uy, wx, wy = plane.gradient
+    opens = math.copysign(1.0, ux * wy - uy * wx)
     sums = outwards + r * r * float((1.0 / ways).sum())
     normal = np.diag(1.0 / ways) - r * r / max(sums, NEAR * r) * np.outer(1.0 / ways, 1.0 / ways)
     return _Curved(hessian, normal, -opens * (rates[1] - rates[0]))

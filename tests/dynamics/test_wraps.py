@@ -13,7 +13,7 @@ import softdyn
 from softdyn import SoftModel
 from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.derivatives import tangent_dynamics
-from softdyn.dynamics.wraps import Body, Contact, course
+from softdyn.dynamics.wraps import Contact, RoundBody, course
 from softdyn.loading import load_text
 from softdyn.statics.equilibrium import potential
 from tests.proof.crosschecks.wrapped_robots import wrapped_robot
@@ -41,8 +41,8 @@ SLIDE = f"""\
 </robot>"""
 
 
-def round_body(radius=0.03, sphere=False, side=None, inside=False) -> Body:
-    return Body(radius, sphere, None if side is None else np.array(side, float), inside)
+def round_body(radius=0.03, sphere=False, side=None, inside=False) -> RoundBody:
+    return RoundBody(radius, sphere, None if side is None else np.array(side, float), inside)
 
 
 def test_a_cable_over_a_drum():

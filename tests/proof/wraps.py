@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softdyn.commands import cli
+
+if TYPE_CHECKING:
+    from softdyn import SoftModel
+    from softdyn.validation import Twin
 
 EPILOG = """\
 Random robots with cables around cylinders and spheres, outside and inside. At random states, each
@@ -78,7 +83,9 @@ def measure(seeds: range, states: int, trajectories: int = 0, bodies: int = 4) -
     return found
 
 
-def _compare(found, model, twin, q, where) -> None:
+def _compare(
+    found: Figures, model: SoftModel, twin: Twin, q: np.ndarray, where: tuple[int, int]
+) -> None:
     """Lengths and moment arms against MuJoCo's."""
     import mujoco
 
@@ -108,7 +115,9 @@ def _compare(found, model, twin, q, where) -> None:
         found.note("arms inside" if t in inside else "arms outside", float(error), where)
 
 
-def _differences(found, model, q, v, where) -> None:
+def _differences(
+    found: Figures, model: SoftModel, q: np.ndarray, v: np.ndarray, where: tuple[int, int]
+) -> None:
     """Moment arms, Hessians and power against central differences."""
     from tests.support.oracles import gradient, rate, relative
 
@@ -129,7 +138,7 @@ def _differences(found, model, q, v, where) -> None:
     found.note("power", max(power, relative(state.B.T @ v, model.gear * pulled, 1.0)), where)
 
 
-def _edges(model, q) -> bool:
+def _edges(model: SoftModel, q: np.ndarray) -> bool:
     """Whether a cable touches, leaves or enters a body within two steps along any joint."""
     paths = model.tendons.wraps
 

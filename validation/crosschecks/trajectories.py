@@ -145,7 +145,7 @@ def damping_couples_branches(
         if tendon.wraps:  # which of its joints count changes where it touches its bodies
             links = [part.link for part in tendon.path if not isinstance(part, JointTerm)]
             chains = [{joint.name for joint in model.robot.chain(link)} for link in links]
-            moving = set.union(*chains) - set.intersection(*chains)
+            moving = set().union(*chains) - chains[0].intersection(*chains)
             arms[t, free:] = [name in moving for name in names]
     D = (arms.T * damping) @ arms
     D = D[free:, free:]

@@ -210,8 +210,8 @@ class _Writer:
                 add(body, "site", name=self._sites.new(name), pos=frame.pose.translation - origin,
                     quat=_quaternion(frame.pose.rotation), size=0.002)  # fmt: skip
         for sensor in self._robot.sensors:
-            if sensor.link and (place := self._place[sensor.link])[0] == k:
-                at = place[1] @ Transform(sensor.origin.rotation, np.array(sensor.xyz))
+            if sensor.link and (carried := self._place[sensor.link])[0] == k:
+                at = carried[1] @ Transform(sensor.origin.rotation, np.array(sensor.xyz))
                 name = self._sites.new(frame_name(sensor))
                 add(body, "site", name=name, pos=at.translation - origin, size=0.002,
                     quat=_quaternion(at.rotation))  # fmt: skip
