@@ -11,7 +11,7 @@ import numpy as np
 from softdyn.commands import cli
 
 if TYPE_CHECKING:
-    from softdyn import SoftModel
+    from softdyn.dynamics.tree import TreeModel
     from softdyn.validation import Twin
 
 EPILOG = """\
@@ -70,6 +70,7 @@ def measure(seeds: range, states: int, trajectories: int = 0, bodies: int = 4) -
     found = Figures()
     for seed in tqdm(seeds, disable=None, leave=False, unit="robot"):
         model = softdyn.build(wrapped_robot(seed, bodies))
+        assert isinstance(model, TreeModel)  # they have no mimic joints
         twin, rng = Twin(model, limits=False), np.random.default_rng((seed, 1))
         low, high = np.maximum(model.lower, -1.5), np.minimum(model.upper, 1.5)
         for k in range(states):
@@ -84,7 +85,7 @@ def measure(seeds: range, states: int, trajectories: int = 0, bodies: int = 4) -
 
 
 def _compare(
-    found: Figures, model: SoftModel, twin: Twin, q: np.ndarray, where: tuple[int, int]
+    found: Figures, model: TreeModel, twin: Twin, q: np.ndarray, where: tuple[int, int]
 ) -> None:
     """Lengths and moment arms against MuJoCo's."""
     import mujoco
@@ -116,7 +117,7 @@ def _compare(
 
 
 def _differences(
-    found: Figures, model: SoftModel, q: np.ndarray, v: np.ndarray, where: tuple[int, int]
+    found: Figures, model: TreeModel, q: np.ndarray, v: np.ndarray, where: tuple[int, int]
 ) -> None:
     """Moment arms, Hessians and power against central differences."""
     from tests.support.oracles import gradient, rate, relative
@@ -138,7 +139,7 @@ def _differences(
     found.note("power", max(power, relative(state.B.T @ v, model.gear * pulled, 1.0)), where)
 
 
-def _edges(model: SoftModel, q: np.ndarray) -> bool:
+def _edges(model: TreeModel, q: np.ndarray) -> bool:
     """Whether a cable touches, leaves or enters a body within two steps along any joint."""
     paths = model.tendons.wraps
 
