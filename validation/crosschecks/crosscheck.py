@@ -255,7 +255,7 @@ def _compare_at(
 ) -> None:
     """Compare every pointwise quantity at one state."""
     with tally.guard(*QUANTITIES[:-1]):
-        judge.place(q, v)
+        judge.set_state(q, v)
         length = model.robot.length or 1.0
         inertia = float(np.abs(judge.M()).max())
         gear = max((abs(a.gear) for a in model.robot.actuators), default=0.0)

@@ -68,7 +68,7 @@ class MujocoTerms:
 
     # -- at one state --------------------------------------------------------------------------
 
-    def place(self, q: np.ndarray, v: np.ndarray) -> None:
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
         """Go to the model's state q (nq,), v (nv,)."""
         qpos, self._qvel = self.states.to_twin(q, v)
         self._v = np.array(v, float)
@@ -238,7 +238,7 @@ class MujocoTerms:
         self._model.opt.timestep = step
         self._damping: np.ndarray | None = None
         self._step = self._tied_rk4 if integrator == "rk4" else self._tied_implicit
-        self.place(q, v)
+        self.set_state(q, v)
 
     def follow(
         self, inputs: Iterable[np.ndarray], holds: Sequence[int]

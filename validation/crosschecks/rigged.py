@@ -145,7 +145,7 @@ class RigStates:
         model, judge = self.model, self.judge
         state, length = model.state(q, v), model.robot.length or 1.0
         commands = random_commands(self.winches, state, rng)
-        judge.place(q, v)
+        judge.set_state(q, v)
         judge.hold(commands, commands)
         u = self.winches.tensions(state, commands)
         gears = np.array([abs(actuator.gear) for actuator in model.robot.actuators])

@@ -76,11 +76,11 @@ class Hub:
                     self._record(False)  # the recording is full
             elif kind == STATE:
                 self._state = json.loads(content)
-                self.tell()
+                self.notify()
             elif kind == ERROR and self.pages:
                 self.pages[0].say({"error": content.decode(errors="replace")})
 
-    def tell(self) -> None:
+    def notify(self) -> None:
         """Tell every page the state, and whether it commands."""
         for i, page in enumerate(self.pages):
             page.say({
@@ -95,7 +95,7 @@ class Hub:
         self.pages.append(page)
         if not self._greeted:  # a loop may wait for its first page
             self._greeted = self._inbox.put(None)
-        self.tell()
+        self.notify()
         if self._points:
             page.say({"reach": self._points})
 
@@ -105,7 +105,7 @@ class Hub:
             if page is self.pages[0]:
                 self._let_go()
             self.pages.remove(page)
-            self.tell()
+            self.notify()
 
     def said(self, page: PageSocket, text: str | bytes) -> None:
         """Carry out a message, pass it to the loop, or answer it with an error."""
@@ -120,7 +120,7 @@ class Hub:
                     self._let_go()
                 self.pages.remove(page)
                 self.pages.insert(0, page)
-                self.tell()
+                self.notify()
                 return
             if page is not self.pages[0]:
                 raise InputError("message", '{"do": "lead"} first', "another page commands")
@@ -147,7 +147,7 @@ class Hub:
             self.recording.begin()
         elif self.recording.end() and self.pages:
             self.pages[0].say({"recorded": "record.html"})
-        self.tell()
+        self.notify()
 
     def _ask_reach(self) -> None:
         if self._reach is None:

@@ -106,7 +106,7 @@ def compare_engines(model: SoftModel) -> str:
     state = model.state(q, rng.uniform(-1, 1, model.nv))
     if not _comparable(model, state.M):
         return ""
-    other.place(state.q, state.v)
+    other.set_state(state.q, state.v)
     pairs = {name: (getattr(state, name), getattr(other, name)()) for name in TERMS}
     pairs["tip"] = state.y, other.tip()
     scales = {"tip": model.robot.length, "bias": float(np.abs(state.M).max())}

@@ -113,7 +113,7 @@ def test_wrong_sign_doubles_the_passive_forces(models, robot):
     # MuJoCo's bias less its passive forces, computed independently
     twin = Twin(model.robot)
     judge = MujocoTerms(twin, StateMap(model, twin))
-    judge.place(q, v)
+    judge.set_state(q, v)
     bias, passive = judge.bias(), judge.D() @ v + judge.K()
     np.testing.assert_allclose(seen.h, bias - passive, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(seen.D @ seen.v + seen.K, -passive, rtol=1e-9, atol=1e-9)

@@ -101,7 +101,7 @@ def test_the_model_and_the_twin_have_the_same_tensions(tmp_path: Any, damping: f
         u = winches.tensions(state, commands)
         assert twin.data.actuator_force[: model.nu] == pytest.approx(u, abs=1e-10)
         slack += int((u == 0).sum())
-        terms.place(state.q, state.v)
+        terms.set_state(state.q, state.v)
         for name in ("K", "D", "B"):
             assert getattr(terms, name)() == pytest.approx(getattr(state, name), abs=1e-9)
         expected = model.forward_dynamics(state.q, state.v, u)

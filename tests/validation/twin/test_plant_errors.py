@@ -35,7 +35,7 @@ def test_a_payload_weighs_at_the_tip() -> None:
         states = StateMap(model, plant)
         plant.set_state(*states.to_twin(state.q, state.v))
         terms = MujocoTerms(plant, states)
-        terms.place(state.q, state.v)
+        terms.set_state(state.q, state.v)
         found.append((terms.M(), terms.g()))
     (M, g), (M_loaded, g_loaded) = found
     assert M_loaded - M == pytest.approx(0.05 * state.J.T @ state.J, abs=1e-12)
