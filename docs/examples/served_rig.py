@@ -42,6 +42,9 @@ class ServedRig:
         link, self.link = self.link, None
         with link:
             link.sendall(b'{"stop": true}\n')
+            link.shutdown(socket.SHUT_WR)
+            while link.recv(1 << 16):  # until the rig has heard it and closes, too
+                pass
 
     def say(self, message):
         """Send one message."""

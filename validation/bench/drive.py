@@ -440,6 +440,8 @@ def _signals(heard: _Heard) -> Iterator[None]:
         yield
         return
     before = {number: signal.signal(number, heard) for number in SIGNALS}
+    # a closed pipe, of the watchdog or the rig, must be an error, and not the end of the process
+    before[signal.SIGPIPE] = signal.signal(signal.SIGPIPE, signal.SIG_IGN)
     try:
         yield
     finally:

@@ -43,7 +43,7 @@ def test_the_driver_of_the_page_is_the_example():
     (text,) = re.findall(r"Save as `served_rig.py`\n\n```python\n(.*?)```", PAGE, re.S)
     assert text == (ROOT / "docs/examples/served_rig.py").read_text(encoding="utf-8")
     methods = text[text.index("class ServedRig") :]
-    assert len(methods.splitlines()) <= 50
+    assert len(methods.splitlines()) <= 55
 
 
 def test_a_cable_that_is_pulled_becomes_shorter(bench):
