@@ -20,20 +20,19 @@ With the first row alone an input may push the tip in within a period, because i
 within the horizon; but the next input does the same. With the second row alone it brakes too late.
 
 Stops of joints make q̈ piecewise linear in u (`qps.stopped_step`). An input has to meet the rows of
-the motion that it leads to. So rows that an answer breaks, in its own motion, are added to the QP,
-until an answer breaks none.
-
-If no admissible input meets the rows, they are relaxed. Then (1 + β τ) s⁺ ≥ s may not hold where
-s > 0, but the guarantee needs s⁺ ≥ 0 only: the step is counted in `braked`. It is counted in
-`relaxed` if s⁺ < 0 for a barrier. Rows are linear, and large inputs can meet them by motions for
-which this is wrong. So beside rows, no joint may move by more than 0.1 rad or 10 mm in a period,
-unless it is as fast already.
+its own mode. The rows of every mode that an answer has, and that it breaks, are added to the QP, so
+the search ends at such an input, or at an input that meets the rows of several modes. If it finds
+none, it drops the rows over the horizon, and asks s⁺ ≥ 0 instead of (1 + β τ) s⁺ ≥ s where s > 0.
+That is all that the next state needs; always asked alone, it makes inputs chatter. Rows are linear,
+and large inputs can meet them by motions for which this is wrong. So where there are rows, no joint
+may move by more than 0.1 rad or 10 mm in a period, unless it is as fast already.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -42,19 +41,17 @@ from softdyn import SoftModel, State
 from softdyn.checks import number
 from softdyn.controllers.controller import SILENT
 from softdyn.controllers.qps.horizon import Horizon
+from softdyn.controllers.qps.mode_search import NEGLIGIBLE, ModeSearch
 from softdyn.controllers.qps.qp import QpProblem, QpSolution
 from softdyn.controllers.qps.relaxed_rows import ROOM, RelaxedRows, Rows
 from softdyn.controllers.qps.stopped_step import StoppedStep
 from softdyn.description.robot import sliding
-from softdyn.dynamics.stops import Stops
 from softdyn.safety.clearance import CENTIRADIAN, MILLIMETRE, Values
 from softdyn.safety.obstacles import RATE
 from softdyn.safety.obstacles import HalfSpace as HalfSpace
 from softdyn.safety.obstacles import KeepOutSphere as KeepOutSphere
 
 LEAP = 10.0  # of these units, a joint's largest motion in a period
-NEGLIGIBLE = 1e-6  # of a row's unit
-ROUNDS = 8  # largest number of answers that are looked at in a step
 
 
 class ControlBarrier(Protocol):
@@ -135,77 +132,71 @@ class BarrierRows:
     violation : float
         The largest -b at any state, in mm or 0.01 rad; negative if no barrier was violated.
     braked : int
-        Number of steps at which rows were relaxed, but b and ḃ + α b stay non-negative.
+        Number of steps at which the rows over the horizon were dropped.
     relaxed : int
-        Number of steps at which rows were relaxed further, by more than 0.02 of their units.
+        Number of steps at which rows were relaxed by more than 0.02 of their units.
     relaxation : float
         The largest relaxation, as the mm or 0.01 rad by which b may fall.
+    least : int
+        Number of steps at which the input of least excess was taken, without the objective.
     """
 
     def __init__(self, model: SoftModel, barriers: Sequence[ControlBarrier], tau: float) -> None:
         self._model, self._barriers, self._tau = model, tuple(barriers), tau
-        self._qp, self._stops = RelaxedRows(model.u_min, model.u_max), Stops.of(model)
-        self._leap = LEAP * _joint_units(model)
+        self._qp, self._leap = RelaxedRows(model.u_min, model.u_max), LEAP * _joint_units(model)
         self.reset()
 
     def reset(self, period: float = 0.0) -> None:
         """Reset all counts; with a control period (s) every barrier has a row for it too."""
         self.violation, self.relaxed, self.relaxation = -np.inf, 0, 0.0
-        self.outside, self.braked, self._begun = 0, 0, False
+        self.outside, self.least, self.braked, self._begun = 0, 0, 0, False
         self._period = period
         self._hold = Horizon(self._model, period) if period else None
 
     def at(self, state: State, M: np.ndarray, h: np.ndarray) -> Rows:
         """Every barrier's rows where no joint is at a stop; M and h are those over the horizon."""
-        found = self._found(state)
-        return Rows.joined([found.rows(step, step.free) for step in self._steps(state, M, h)])
+        seen, steps = self._seen(state), self._steps(state, M, h)
+        return Rows.joined([_rows(state, seen, step, step.free) for step in steps])
 
-    def _found(self, state: State) -> AllValues:
+    def _seen(self, state: State) -> list[Seen]:
         """The values of every barrier; states without guarantee are counted."""
-        parts = []
-        for one in self._barriers:
-            values, kept = one(state), getattr(one, "kept", None)
-            kept = 0.0 if kept is None else kept(self._model, self._period)
-            own = one.rate, getattr(one, "recovery", one.rate), kept, isinstance(one, JointLimits)
-            parts.append((*values, *(np.full(len(values.b), value) for value in own)))
-        b, G, drift, unit, alpha, beta, kept, limits = map(np.concatenate, zip(*parts, strict=True))
-        rate = G @ state.v
-        self._count(parts, b, rate + alpha * b)
-        return AllValues(b - kept, G, drift, unit, rate, alpha, beta, limits)
-
-    def _count(self, parts: Sequence[tuple[np.ndarray, ...]], b: np.ndarray, s: np.ndarray) -> None:
-        """Count a state without guarantee; warn if a run starts at one."""
-        alpha, unit = (np.concatenate([part[k] for part in parts]) for k in (4, 3))
-        self.violation = max(self.violation, float((-b / unit).max(initial=-np.inf)))
-        approach = np.minimum(b, s / alpha) / unit
-        outside = bool(approach.min(initial=0.0) < -NEGLIGIBLE)
-        self.outside += outside
-        if outside and not self._begun:
-            k = int(approach.argmin())
-            whose = np.searchsorted(np.cumsum([len(part[0]) for part in parts]), k, "right")
-            text = (
-                f"the run starts outside the safe set ({type(self._barriers[whose]).__name__}: "
-                f"b = {b[k]:.3g}, db/dt + {alpha[k]:g} b = {s[k]:.3g}; both should be >= 0)"
-            )
-            warnings.warn(text, UnsafeStart, stacklevel=2)
-        self._begun = True
+        seen = [
+            Seen(one.rate, getattr(one, "recovery", one.rate), one(state), type(one).__name__,
+                 isinstance(one, JointLimits)) for one in self._barriers
+        ]  # fmt: skip
+        self._count(state, seen)
+        model, period = self._model, self._period
+        for k, barrier in enumerate(self._barriers):
+            if (kept := getattr(barrier, "kept", None)) is not None:
+                found = seen[k].values  # the counts above are of the barrier itself
+                found = found._replace(b=found.b - kept(model, period))
+                seen[k] = seen[k]._replace(values=found)
+        return seen
 
     def _steps(self, state: State, M: np.ndarray, h: np.ndarray) -> list[StoppedStep]:
         """The steps τ that have rows; in a run the last is the control period."""
-        if self._hold is None:
-            return [StoppedStep(state, self._tau, M, h)]
-        steps = [(self._tau, M, h)] if self._tau else []
-        steps.append((self._period, *self._hold(state)))
-        return [StoppedStep(state, *step, self._stops) for step in steps]
-
-    def _rows(
-        self, found: AllValues, steps: Sequence[StoppedStep], held: Sequence[np.ndarray]
-    ) -> Rows:
-        """The rows of all steps; in a run the period's and its joints' motion come last."""
-        parts = [found.rows(*one) for one in zip(steps, held, strict=True)]
+        steps = [(self._tau, M, h)] if self._tau or self._hold is None else []
         if self._hold is not None:
-            parts += steps[-1].motion_within(self._leap, held[-1], self._leap / LEAP)
-        return Rows.joined(parts)
+            steps.append((self._period, *self._hold(state)))
+        return [StoppedStep(state, *step) for step in steps]
+
+    def _count(self, state: State, seen: Sequence[Seen]) -> None:
+        """Count a state without guarantee; warn if a run starts at one."""
+        outside = ""
+        for alpha, _, (b, G, _, unit), name, _ in seen:
+            self.violation = max(self.violation, float((-b / unit).max(initial=-np.inf)))
+            s = G @ state.v + alpha * b
+            approach = np.minimum(b, s / alpha) / unit
+            if approach.size and approach.min() < -NEGLIGIBLE:
+                worst = approach.argmin()
+                outside = outside or (
+                    f"{name}: b = {b[worst]:.3g}, db/dt + {alpha:g} b = {s[worst]:.3g}"
+                )
+        self.outside += bool(outside)
+        if outside and not self._begun:
+            text = f"the run starts outside the safe set ({outside}; both should be >= 0)"
+            warnings.warn(text, UnsafeStart, stacklevel=2)
+        self._begun = True
 
     @SILENT
     def enforce(
@@ -219,99 +210,69 @@ class BarrierRows:
         """`solution` if it meets every row, else the answer of `problem` with rows.
 
         The first unknowns of `problem` are u. Stops count in runs only.
-
-        Few rows ever matter. So a round adds those that the last answer breaks, in the motion that
-        it leads to, to the rows of earlier rounds.
         """
-        found = self._found(state)
-        if solution is None or not solution.solved or not len(found.b):
+        seen = self._seen(state)
+        if solution is None or not solution.solved:
             return solution
-        steps, wanted = self._steps(state, M, h), solution.x[: state.B.shape[1]]
-        held, chosen, relaxed = [step.free for step in steps], dict[bytes, Chosen](), False
-        answer, best, excess = solution, solution, np.full(1, np.inf)
-        for _ in range(ROUNDS):
-            u = answer.x[: len(wanted)]
-            held = [step.held(u, guess) for step, guess in zip(steps, held, strict=True)]
-            rows = self._rows(found, steps, held)
-            own = np.maximum(rows.excess(u), 0.0)
-            if own @ own < excess @ excess:
-                best, excess = answer, own
-            motion = np.concatenate(held).tobytes()
-            _, before = chosen.get(motion, (rows, np.zeros(len(own), bool)))
-            broken = own > ROOM + 2 * NEGLIGIBLE
-            if not (broken & ~before).any():
-                break
-            chosen[motion] = rows, broken | before
-            parts = [rows.where(of_these) for rows, of_these in chosen.values()]
-            answer, relaxed = self._qp(problem, wanted, Rows.joined(parts), relaxed)
-        if excess.max() > 2 * ROOM:
-            first = (len(steps) - 1) * len(found.b)
-            last = excess[first : first + len(found.b)]
-            lack = float(found.lack(last, self._period).max())
-            if lack <= 2 * ROOM:
-                self.braked += 1
-            else:
-                self.relaxed, self.relaxation = self.relaxed + 1, max(self.relaxation, lack)
-        return best
+        steps, nu, stopped = self._steps(state, M, h), state.B.shape[1], self._hold is not None
+        rows_of = partial(_rows, state, seen, leap=self._leap, period=self._period)
+        search = ModeSearch(steps, rows_of, stopped=stopped, relax=not stopped)
+        if search.sunk(solution.x[:nu]) <= ROOM + 2 * NEGLIGIBLE:
+            return solution
+        best = search.best(self._qp, problem, solution, nu)
+        if stopped and best.sunk > 2 * ROOM:
+            search = ModeSearch(
+                steps[-1:], partial(rows_of, braking=True), stopped=True, relax=True
+            )
+            best = search.best(self._qp, problem, solution, nu)
+            self.braked += 1
+        if best.sunk > 2 * ROOM:
+            self.relaxed, self.relaxation = self.relaxed + 1, max(self.relaxation, best.sunk)
+        self.least += best.least
+        return best.answer
 
 
-Chosen = tuple[Rows, np.ndarray]  # the rows of a motion, and which of them (p,) are in the QP
+class Seen(NamedTuple):
+    """The rates α, β and the values of a barrier, its class, and whether it is one of limits."""
+
+    alpha: float
+    beta: float
+    values: Values
+    name: str
+    limits: bool
 
 
-class AllValues(NamedTuple):
-    """The values of all barriers at a state, in its motion.
+def _rows(
+    state: State,
+    seen: Sequence[Seen],
+    step: StoppedStep,
+    mode: np.ndarray,
+    *,
+    leap: np.ndarray | None = None,
+    period: float = 0.0,
+    braking: bool = False,
+) -> Rows:
+    """A row for every barrier over a step in a mode.
 
-    Attributes
-    ----------
-    b, gradient, drift, unit
-        As in `Values`; b is less the distance that rows keep.
-    rate : ndarray, (p,)
-        ḃ.
-    alpha, beta : ndarray, (p,)
-        The rates α, β (1/s) of their barriers.
-    limits : ndarray, (p,)
-        Whether they are limits of joints.
+    An excess of its unit lets b decrease by one of the barrier's. Braking rows ask s⁺ ≥ 0 where
+    s > 0. Limits of joints keep them from their stops, so their rows are those of free joints. Over
+    a period no joint moves by more than `leap` (n,), or faster than it does.
     """
-
-    b: np.ndarray
-    gradient: np.ndarray
-    drift: np.ndarray
-    unit: np.ndarray
-    rate: np.ndarray
-    alpha: np.ndarray
-    beta: np.ndarray
-    limits: np.ndarray
-
-    def rows(self, step: StoppedStep, held: np.ndarray) -> Rows:
-        """A row for every value over a step in which stops hold joints (n,).
-
-        An excess of its unit lets b decrease by one of the barrier's. Limits of joints keep them
-        from their stops, so their rows are those of free joints.
-        """
-        alpha, beta, tau, G = self.alpha, self.beta, step.tau, self.gradient
-        share, both = 1 / ((1 + alpha * tau) * (1 + beta * tau)), alpha * beta
-        affordable = share * ((alpha + beta + both * tau) * self.rate + both * self.b)
-        response = G @ step.response(held)
-        if held.any() and self.limits.any():
-            response[self.limits] = G[self.limits] @ step.response(step.free)
-        upper = affordable + self.drift + response[:, -1]
-        return Rows(-response[:, :-1], upper, share * both * self.unit)
-
-    def lack(self, excess: np.ndarray, period: float) -> np.ndarray:
-        """How far ḃ + α b falls below zero after a period, over α and in units.
-
-        A row of excess e leads to (1 + β T) s⁺ = s - T α β e, e in units. If s < 0 already, the
-        lack is that from s / (1 + β T). Without a period it is the excess itself.
-
-        Parameters
-        ----------
-        excess : ndarray, (p,)
-            Excess of the period's rows.
-        period : float
-            T (s).
-        """
-        if not period:
-            return excess
-        Tb, spare = period * self.beta, self.rate / self.alpha + self.b
-        lack: np.ndarray = Tb * excess - np.maximum(spare, 0.0) / self.unit
-        return lack / (1 + Tb)
+    parts, tau, inverse = [], step.tau, step.response(mode)
+    free = step.response(step.free)
+    for alpha, beta, (b, G, drift, unit), _, limits in seen:
+        share = 1 / ((1 + alpha * tau) * (1 + beta * tau))
+        both, v = alpha * beta, G @ state.v
+        affordable = share * ((alpha + beta + both * tau) * v + both * b)
+        unit = share * both * unit
+        if braking:
+            late, reach = v + alpha * b > 0, alpha / (tau * (1 + alpha * tau))
+            affordable = np.where(late, v / tau + reach * b, affordable)
+            unit = np.where(late, reach / (share * both) * unit, unit)
+        response = G @ (free if limits else inverse)
+        parts.append(Rows(-response[:, :-1], affordable + drift - response[:, -1], unit))
+    if leap is not None and tau == period and any(len(part.upper) for part in parts):
+        bound = np.maximum(leap, tau * np.abs(state.v))
+        way, moved = tau * (state.v - tau * inverse[:, -1]), tau**2 * inverse[:, :-1]
+        parts += [Rows(moved, bound - way, leap / LEAP), Rows(-moved, bound + way, leap / LEAP)]
+    return Rows.joined(parts)

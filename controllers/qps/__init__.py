@@ -8,6 +8,7 @@
 - `task_qp`: an objective in few unknowns, input bounds and the decrease row as one QP;
 - `stopped_step`: a step of the dynamics in which joints have stops, and the joints that these hold;
 - `relaxed_rows`: a QP with further rows on u, which are relaxed if they cannot all be met;
+- `mode_search`: the search for an input that meets the rows of the motion that it leads to;
 - `level_qp`: tasks in strict levels of priority, a QP for each level;
 - `least_norm`: bounded least squares, the minimiser of least norm, for CLF-QP and `allocate`;
 - `qp`: the solver, the only file that imports ProxSuite, with its own residuals and a clock;

@@ -34,12 +34,23 @@ class Rows(NamedTuple):
         return excess
 
 
+class RelaxedAnswer(NamedTuple):
+    """An answer, and how far (p,) each row is relaxed for it, in units.
+
+    `least` says that the answer is the input of least excess; other unknowns then have no value.
+    """
+
+    solution: QpSolution
+    limits: np.ndarray
+    least: bool
+
+
 class RelaxedRows:
     """Solves QPs whose first unknowns are u, with rows.
 
-    If the QP has no answer, because no admissible input meets all rows, the rows come first: the
-    result is the input of least excess nearest to the answer without rows. The QP with relaxed rows
-    would not do: its feasible set may be thinner than the solver's tolerance.
+    If no admissible input meets all rows, they are relaxed by the least squares of their excess.
+    The QP's feasible set may then be thinner than the solver's tolerance. If the QP has no accurate
+    answer, the result is the input of least excess nearest to the answer without rows.
 
     Parameters
     ----------
@@ -53,20 +64,26 @@ class RelaxedRows:
         self._solvers: dict[tuple[int, int], DenseQp] = {}
 
     def __call__(
-        self, problem: QpProblem, wanted: np.ndarray, rows: Rows, relaxed: bool
-    ) -> tuple[QpSolution, bool]:
-        """The answer of `problem` with rows, and whether they are relaxed.
+        self, problem: QpProblem, wanted: np.ndarray, rows: Rows, *, relax: bool = True
+    ) -> RelaxedAnswer | None:
+        """The answer of `problem` with rows, where `wanted` (nu,) is the answer without.
 
-        `wanted` (nu,) is the answer without rows, `relaxed` says that some of these rows cannot be
-        met. Relaxed rows leave other unknowns than u NaN.
+        None if rows would have to be relaxed and `relax` is false.
         """
-        if not relaxed:
-            found = self._restricted(problem, rows.matrix, rows.upper + rows.unit * ROOM)
-            if found is not None and found.solved:
-                return found, False
-        u = self.least_excess(rows, wanted)
-        x = np.concatenate((u, np.full(len(problem.g) - len(u), np.nan)))
-        return QpSolution(x, np.zeros(len(problem.lower)), 0.0, 0.0, 0.0), True
+        room = np.full(len(rows.upper), ROOM)
+        found = self._restricted(problem, rows.matrix, rows.upper + rows.unit * room)
+        if found is not None and found.solved:
+            return RelaxedAnswer(found, room, False)
+        excess, nearest = self.least_excess(rows, wanted)
+        if not relax and excess.max(initial=0.0) > ROOM:
+            return None
+        limits = np.where(excess > ROOM, excess + ROOM, ROOM)
+        found = self._restricted(problem, rows.matrix, rows.upper + rows.unit * limits)
+        if found is not None and found.solved:
+            return RelaxedAnswer(found, limits, False)
+        x = np.concatenate((nearest, np.full(len(problem.g) - len(nearest), np.nan)))
+        answer = QpSolution(x, np.zeros(len(problem.lower)), 0.0, 0.0, 0.0)
+        return RelaxedAnswer(answer, limits, True)
 
     def _restricted(
         self, problem: QpProblem, matrix: np.ndarray, upper: np.ndarray
@@ -82,10 +99,10 @@ class RelaxedRows:
         )
         return self._solver(size, len(restricted.lower)).solve(restricted)
 
-    def least_excess(self, rows: Rows, wanted: np.ndarray) -> np.ndarray:
-        """The admissible input (m,) whose excess in units has the least squares.
+    def least_excess(self, rows: Rows, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Excess of each row (p,) under the best admissible input, in units, and this input (m,).
 
-        It is the u of min ‖s‖² over matrix u - unit s ≤ upper, u in bounds; s ≥ 0 needs no row. Of
+        It is the s of min ‖s‖² over matrix u - unit s ≤ upper, u in bounds; s ≥ 0 needs no row. Of
         several best inputs, the one nearest to `wanted` is taken.
         """
         p, m = rows.matrix.shape
@@ -102,7 +119,8 @@ class RelaxedRows:
         solution = self._solver(m + p, m + p).solve(
             QpProblem(H, g, A, lower, np.concatenate((self._u_max, upper)))
         )
-        return wanted if solution is None else np.clip(solution.x[:m], self._u_min, self._u_max)
+        u = wanted if solution is None else np.clip(solution.x[:m], self._u_min, self._u_max)
+        return np.maximum(matrix @ u - upper, 0.0), u
 
     def _solver(self, variables: int, rows: int) -> DenseQp:
         key = variables, rows

@@ -144,9 +144,7 @@ def test_the_least_by_which_rows_give_way() -> None:
         matrix = np.vstack((first, -first[:1] - 0.1 * first[1:], rng.normal(size=3) / span))
         unit = 10.0 ** rng.uniform(-3, -1, 4)
         upper = np.array([-0.3, -0.4, -0.2, 5.0])
-        rows = Rows(matrix, upper, unit)
-        u = RelaxedRows(-span, span).least_excess(rows, np.zeros(3))
-        found = np.maximum(rows.excess(u), 0.0)
+        found, _ = RelaxedRows(-span, span).least_excess(Rows(matrix, upper, unit), np.zeros(3))
 
         # in u / span and s, with a weight on u far below the tested accuracy
         scaled, bound = matrix * span / unit[:, None], upper / unit
@@ -263,6 +261,7 @@ def test_rows_give_way_on_the_helix_whatever_the_state() -> None:
         )
         room = ROOM * len(upper) ** 0.5
         assert np.linalg.norm(excess(command.u)) <= 1.01 * (2 * best.cost) ** 0.5 + room
+    assert report.least
 
 
 def test_the_tip_stays_out_of_a_ball_at_which_it_chattered() -> None:

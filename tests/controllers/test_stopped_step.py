@@ -16,7 +16,6 @@ from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.qp import QpProblem, QpSolution
 from softdyn.controllers.qps.relaxed_rows import ROOM
 from softdyn.controllers.qps.stopped_step import StoppedStep
-from softdyn.dynamics.stops import Stops
 from softdyn.safety import HalfSpace
 
 TAU = 0.005
@@ -50,14 +49,14 @@ def test_the_motion_is_that_of_least_gauss_constraint(name: str) -> None:
     for _ in range(20):
         state, u = at_stops(name, rng)
         M, h = Horizon(state.model, TAU)(state)
-        step = StoppedStep(state, TAU, M, h, Stops.of(state.model))
-        stops = step.held(u, step.free)
-        held += np.count_nonzero(stops)
-        np.testing.assert_array_equal(step.held(u, rng.integers(-1, 2, len(h))), stops)
-        X = step.response(stops)
+        step = StoppedStep(state, TAU, M, h)
+        mode = step.mode(u, step.free)
+        held += np.count_nonzero(mode)
+        np.testing.assert_array_equal(step.mode(u, step.still), mode)
+        X = step.response(mode)
         wanted = exact(state, M, h, u)
         np.testing.assert_allclose(
-            X[:, :-1] @ u + X[:, -1], wanted, atol=1e-8 * np.abs(wanted).max()
+            X[:, :-1] @ u - X[:, -1], wanted, atol=1e-8 * np.abs(wanted).max()
         )
     assert held > 10
 

@@ -186,7 +186,7 @@ COLUMNS = (
     ("their depth, at most (mm)", "deepest_mm", ".2f"),
     ("runs with relaxed rows", "relaxed", "d"),
     ("their depth, at most (mm)", "relaxed_mm", ".2f"),
-    ("braked steps (%)", "braked_percent", ".1f"),
+    ("steps without rows over the horizon (%)", "braked_percent", ".1f"),
     ("lost", "lost", "d"),
     ("error, median (cm)", "error_cm", ".2f"),
     ("free", "free_error_cm", ".2f"),
