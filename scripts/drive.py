@@ -11,7 +11,7 @@ from softdyn.commands.run import controller_of, goal_of, naming, unmodelled
 
 if TYPE_CHECKING:
     from softdyn import SoftModel
-    from softdyn.validation.bench.drive import Drive, Driven
+    from softdyn.validation.bench.drive import Drive, DriveResult
 
 EPILOG = """\
 --driver FILE.py:CLASS is your class for the rig. It is built as CLASS(model) and needs start(),
@@ -96,15 +96,15 @@ def command(arguments: cli.Arguments) -> int:
     model = cli.load_robot(arguments)
     if arguments.serve:
         return serve(model, arguments)
-    from softdyn.validation.bench.fail_safe import Cause, Limits
+    from softdyn.validation.bench.fail_safe import RigLimits, StopCause
 
-    limits = Limits(arguments.stale, arguments.missed, arguments.lost, arguments.ramp)
+    limits = RigLimits(arguments.stale, arguments.missed, arguments.lost, arguments.ramp)
     drive = hold(model, arguments, limits) if arguments.hold else make(model, arguments, limits)
     driven = view(drive, arguments) if arguments.view else drive.run(progress=True)
     log = driven.log
     if driven.error is not None:
         say_trace(driven.error)
-    if driven.cause is not Cause.END:
+    if driven.cause is not StopCause.END:
         print(f"stopped by {driven.cause.value}: {driven.reason}", file=sys.stderr)
     files = [f for f in (arguments.html, arguments.json) if f not in (None, "-")]
     if arguments.log is not None:
@@ -118,16 +118,15 @@ def command(arguments: cli.Arguments) -> int:
     report = log.report(arguments.tolerance)
     report |= {"stopped_by": driven.cause.value, "stopped": driven.reason}
     text = f"{log.summary(tolerance=arguments.tolerance)}\nstopped by     {driven.cause.value}"
-    observation = drive.loop.loop.observation
-    if observation is not None and not arguments.hold:
-        line, report["process_noise"] = unmodelled(observation.observer.observer)
+    if not arguments.hold:
+        line, report["process_noise"] = unmodelled(drive.observer)
         text = f"{text}\n{line}".rstrip()
     if arguments.hold:
         text = f"{text}\n{held_text(log, model)}"
     cli.write_report(report, arguments.json, "\n".join([text, *(f"wrote {f}" for f in files)]))
-    if driven.cause is Cause.CTRL_C:
+    if driven.cause is StopCause.CTRL_C:
         return cli.INTERRUPTED
-    if driven.cause is not Cause.END:
+    if driven.cause is not StopCause.END:
         return cli.FAILED
     done = not log.failed if arguments.no_verdict or arguments.hold else report["reached"]
     return cli.PASSED if done else cli.FAILED
@@ -197,7 +196,7 @@ def held_text(log: Any, model: SoftModel) -> str:
     return "\n".join(lines)
 
 
-def view(drive: Drive, arguments: cli.Arguments) -> Driven:
+def view(drive: Drive, arguments: cli.Arguments) -> DriveResult:
     """Run while a browser shows it; the page is served by another process."""
     from softdyn.validation.live import watching
     from softdyn.view.live.pacing import RATE

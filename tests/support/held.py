@@ -15,12 +15,13 @@ from softdyn.actuation import Capstan, Winches
 from softdyn.controllers import BEYOND, CONTROLLERS, Gains
 from softdyn.loading import load_text
 from softdyn.sensing import Sensor, SensorKind, Sensors
-from softdyn.validation import Rig, StateMap, Twin, paper, simulate
+from softdyn.validation import Rig, Scene, StateMap, Twin, paper, simulate
 from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.twin.rig import RiggedPlant
 from softdyn.view.rest_sweep import rest_page
+from tests.support import ROOT
 from tests.support.control_cases import drawn, robot
 from tests.support.sensed import sensed
 
@@ -65,9 +66,9 @@ class Uses:
         return [seen.q, *plant.advance(PUSH, 10, seen).values(), *plant.sample().values()]
 
     def advance(self, twin: Any) -> list[Any]:
-        """Ten steps of a twin."""
+        """Ten steps of a twin or a scene."""
         twin.advance(PUSH, 10)
-        return [twin.qpos, twin.qvel, twin.tip]
+        return [twin.data.qpos.copy(), twin.data.qvel.copy()]
 
     def step(self, loop: Any) -> list[Any]:
         """One step of a closed loop."""
@@ -172,6 +173,7 @@ def objects(uses: Uses) -> list[tuple[Any, Callable[[Any], list[Any]]]]:
         (controllers.InputGuard(model.u_min, model.u_max), lambda one: [one.admit(PUSH)]),
         (ekf, uses.estimate), (plant, uses.drive), (loop, uses.step),
         (Twin(model), uses.advance),
+        (Scene(model, ROOT / "docs/examples/finger_scene.xml"), uses.advance),
         *((wall, uses.at_state) for wall in walls),
         (spread, lambda one: [list(one(state, one.target))]),
         (tasks.OrientationTask(tip), lambda one: [list(one.evaluate(state, turns(0.0)))]),

@@ -24,6 +24,7 @@ from softdyn.view.server import Viewer
 from tests.support import PATIENCE, ROOT, micro, rigged, winched
 from tests.support.arms import RUBBER, loaded
 from tests.support.browser import Browser, required
+from tests.support.logs import make_log
 
 pytestmark = required()
 ALIKE = 40  # sum over the channels above which a pixel counts as changed
@@ -328,15 +329,11 @@ def test_a_whole_spirob_run_is_a_small_page():
     model = softdyn.load("spirob")
     n = 5000
     rng = np.random.default_rng(0)
-    log = Log(
-        t=np.arange(n + 1) * 0.002, q=rng.normal(size=(n + 1, 27)), v=np.zeros((n + 1, 27)),
-        y=rng.normal(size=(n + 1, 3)), y_ref=np.zeros((n + 1, 3)), error=np.zeros((n + 1, 3)),
-        u=np.zeros((n, 3)), V=np.zeros(n), delta=np.zeros(n), status=np.array([""] * n),
-        step_us=np.zeros(n), u_min=model.u_min, u_max=model.u_max, u_unit="10 N", robot="spirob",
-        controller="ic", kind=None, theta=None, omega=None,
-        duration=10.0, period=0.002, timestep=0.0005, length=0.5, joint_names=model.joint_names,
-        contacts=False, complete=True, failed=False, reason=None, not_solved=0, fallbacks=0,
-        max_bound_violation=0.0, gains=None, versions={}, source=LoggedRobot.of(model),
+    t, y = np.arange(n + 1) * 0.002, rng.normal(size=(n + 1, 3))
+    log = make_log(
+        t, np.zeros((n + 1, 3)), q=rng.normal(size=(n + 1, 27)), v=np.zeros((n + 1, 27)), y=y,
+        u=np.zeros((n, 3)), u_min=model.u_min, u_max=model.u_max, length=0.5, robot="spirob",
+        source=LoggedRobot.of(model),
     )  # fmt: skip
     # a tip that jumps at every step needs the largest number of frames
     assert len(replay(log, model).html()) < 5e6

@@ -24,7 +24,7 @@ from softdyn.estimation import Ekf, Observer
 from softdyn.exceptions import one_line
 from softdyn.validation.bench.clock import MONOTONIC, Deadlines, TimeSource
 from softdyn.validation.bench.driver import Driver, another, check_driver
-from softdyn.validation.bench.fail_safe import Cause, FailSafe, Limits, Stop
+from softdyn.validation.bench.fail_safe import FailSafe, RigLimits, Stop, StopCause
 from softdyn.validation.bench.plant import RealRig, SeeingObserver
 from softdyn.validation.bench.watchdog import LATE, Watchdog, shared
 from softdyn.validation.loop.arguments import ReferenceLike, RunOptions, nowhere
@@ -34,8 +34,10 @@ from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.record import ControlStep
 
 SIGNALS = {
-    signal.SIGINT: Cause.CTRL_C, signal.SIGTERM: Cause.TERMINATED, signal.SIGHUP: Cause.HUNG_UP
-}  # fmt: skip
+    signal.SIGINT: StopCause.CTRL_C,
+    signal.SIGTERM: StopCause.TERMINATED,
+    signal.SIGHUP: StopCause.HUNG_UP,
+}
 SWITCH = 1e-4  # s; another thread gives the interpreter back after so long
 COLLECT = 1.0  # s between two collections of garbage, in the idle part of a period
 IDLE = 0.5  # of a period that must be left for one
@@ -44,14 +46,14 @@ SHOWN = 0.2  # s between two looks of the progress bar
 
 
 @dataclass(frozen=True)
-class Driven:
+class DriveResult:
     """A run on a rig.
 
     Attributes
     ----------
     log : Log
         Its record.
-    cause : Cause
+    cause : StopCause
         The cause for which it stopped.
     reason : str
         The same in a sentence; empty at the planned end.
@@ -60,7 +62,7 @@ class Driven:
     """
 
     log: Log
-    cause: Cause
+    cause: StopCause
     reason: str
     error: BaseException | None = None
 
@@ -69,7 +71,7 @@ class Driven:
 class _Heard:
     """The first signal that came; before the first period it stops the run at once."""
 
-    cause: Cause | None = None
+    cause: StopCause | None = None
     running: bool = False
 
     def __call__(self, number: int, _: Any) -> None:
@@ -134,7 +136,7 @@ class Drive:
     ----------
     model, controller, reference, driver, observer, period, duration
         As for `drive`.
-    limits : Limits
+    limits : RigLimits
         When the run must stop, and its ramps.
     name : str, optional
         The controller's name in the log.
@@ -154,6 +156,8 @@ class Drive:
         The loop.
     clock : Deadlines
         Its clock.
+    observer : Observer
+        The observer of the state.
 
     Raises
     ------
@@ -171,14 +175,14 @@ class Drive:
         period: float = 0.005,
         duration: float = 10.0,
         *,
-        limits: Limits | None = None,
+        limits: RigLimits | None = None,
         name: str | None = None,
         watchdog: bool = True,
         hold: Any = None,
         log_to: str | Path | None = None,
         source: TimeSource = MONOTONIC,
     ) -> None:
-        self.limits = Limits() if limits is None else limits
+        self.limits = RigLimits() if limits is None else limits
         self._driver = check_driver(driver)
         self._model = check_model(model)
         self._log_to = log_to
@@ -199,7 +203,7 @@ class Drive:
             aim = reference.reference if isinstance(reference, Experiment) else reference
             controller.prepare(aim)
         self.loop = ClosedLoop(model, controller, reference, options)
-        self._actors = controller, inner
+        self._actors, self.observer = (controller, inner), inner
         self.clock, self._now = Deadlines(period, source), source.now
 
     def _warm(self) -> None:
@@ -223,7 +227,7 @@ class Drive:
 
     def run(
         self, *, progress: bool = False, on_step: Callable[[ControlStep], None] | None = None
-    ) -> Driven:
+    ) -> DriveResult:
         """Run to the planned end, or until something stops it.
 
         Parameters
@@ -235,7 +239,7 @@ class Drive:
         """
         heard, error = _Heard(), None
         watchdog = self._watchdog()
-        cause, reason = Cause.END, ""
+        cause, reason = StopCause.END, ""
         try:
             with _signals(heard), _quiet_interpreter(), self._progress(progress):
                 try:
@@ -247,22 +251,22 @@ class Drive:
                     cause, reason = stop.cause, stop.reason
                     error = stop.__cause__
                 except KeyboardInterrupt:  # raised by hand, in a thread without signals
-                    cause, reason = Cause.CTRL_C, Cause.CTRL_C.value
+                    cause, reason = StopCause.CTRL_C, StopCause.CTRL_C.value
                 except BaseException as fault:
-                    cause, error = Cause.CONTROLLER, fault
+                    cause, error = StopCause.CONTROLLER, fault
                     reason = one_line(f"controller: {type(fault).__name__}: {fault}", 300)
                 finally:
-                    fault = self._stop()
+                    left = self._stop()
         finally:
             if watchdog is not None:
                 watchdog.end()
-        if fault is not None and cause is Cause.END:
-            cause, reason, error = Cause.DRIVER, f"stop(): {fault}", fault
-        return Driven(self.log(cause, reason), cause, reason, error)
+        if left is not None and cause is StopCause.END:
+            cause, reason, error = StopCause.DRIVER, f"stop(): {left}", left
+        return DriveResult(self.log(cause, reason), cause, reason, error)
 
-    def log(self, cause: Cause, reason: str) -> Log:
+    def log(self, cause: StopCause, reason: str) -> Log:
         """The run so far, with what has stopped it."""
-        if cause is not Cause.END:
+        if cause is not StopCause.END:
             self.loop.stopped(reason)
         return self.loop.log()
 
@@ -311,23 +315,23 @@ class Drive:
         if loop.steps < loop.grid.steps:
             raise Stop(self._why(), loop.reason or "")
 
-    def _why(self) -> Cause:
+    def _why(self) -> StopCause:
         """The cause of an end that the loop itself has decided."""
         try:
             self.loop.loop.admit()
         except InputError:
-            return Cause.COMMAND
-        return Cause.DIVERGED
+            return StopCause.COMMAND
+        return StopCause.DIVERGED
 
     def _alive(self, heard: _Heard, watchdog: Watchdog | None) -> None:
         """Give the heartbeat; stop after a signal, or without the watchdog."""
         if heard.cause is not None:
             raise Stop(heard.cause, heard.cause.value)
         if watchdog is not None and not watchdog.beat():
-            raise Stop(Cause.WATCHDOG, "the watchdog's process has ended")
+            raise Stop(StopCause.WATCHDOG, "the watchdog's process has ended")
 
     def _relax(self, heard: _Heard, watchdog: Watchdog | None) -> None:
-        """Let the commands fall, for `Limits.ramp` seconds after the planned end."""
+        """Let the commands fall, for `RigLimits.ramp` seconds after the planned end."""
         loop, rig, clock = self.loop.loop, self._rig, self.clock
         steps = round(self.limits.ramp / clock.period)
         u = loop.u
@@ -361,7 +365,7 @@ class Drive:
         if self._log_to is None:
             return
         self.loop.resume_at(int(self._counted[0]))
-        log, path = self.log(Cause.WATCHDOG, reason), str(self._log_to)
+        log, path = self.log(StopCause.WATCHDOG, reason), str(self._log_to)
         (log.to_csv if path.endswith(".csv") else log.save)(path)
         print(f"wrote {path}: the run up to t = {log.t[-1]:.4g} s", file=sys.stderr, flush=True)
 

@@ -21,7 +21,7 @@ DEVIATIONS = 6.0  # of a tension sensor's noise beyond the bound of its motors
 MARGIN = 0.05  # of that bound
 
 
-class Cause(Enum):
+class StopCause(Enum):
     """The cause for which a run on a rig stops."""
 
     END = "planned end"
@@ -46,13 +46,13 @@ class Stop(Exception):
 
     Attributes
     ----------
-    cause : Cause
+    cause : StopCause
         The cause.
     reason : str
         The same in a sentence.
     """
 
-    def __init__(self, cause: Cause, reason: str) -> None:
+    def __init__(self, cause: StopCause, reason: str) -> None:
         self.cause, self.reason = cause, reason
         super().__init__(reason)
 
@@ -61,7 +61,7 @@ class Stop(Exception):
 
 
 @dataclass(frozen=True)
-class Limits:
+class RigLimits:
     """The limits of a run on a rig.
 
     Attributes
@@ -101,7 +101,7 @@ class FailSafe:
     ----------
     model : SoftModel
         The robot with its rig.
-    limits : Limits
+    limits : RigLimits
         The limits.
     period : float
         Control period (s).
@@ -109,10 +109,10 @@ class FailSafe:
     Raises
     ------
     InputError
-        A sensor whose readings are always older than `Limits.stale`.
+        A sensor whose readings are always older than `RigLimits.stale`.
     """
 
-    def __init__(self, model: SoftModel, limits: Limits, period: float) -> None:
+    def __init__(self, model: SoftModel, limits: RigLimits, period: float) -> None:
         self.limits, sensors = limits, model.robot.sensors
         self.names = component_names(sensors)
         for sensor in sensors:
@@ -147,24 +147,24 @@ class FailSafe:
             k = int(np.argmax(old))
             given = f"{1e3 * age[k]:.0f} ms old" if np.isfinite(age[k]) else "never came"
             raise Stop(
-                Cause.STALE, f"the reading {self.names[k]} {'is ' * (given[0] != 'n')}{given}"
+                StopCause.STALE, f"the reading {self.names[k]} {'is ' * (given[0] != 'n')}{given}"
             )
         with np.errstate(invalid="ignore"):
             outside = (read.new < self._lower) | (read.new > self._upper)
             slack = read.new > self._pull
-        for found, cause in ((outside, Cause.LIMIT), (slack, Cause.TENSION)):
+        for found, cause in ((outside, StopCause.LIMIT), (slack, StopCause.TENSION)):
             if found.any():
                 k = int(np.argmax(found))
                 bound = (
                     self._pull[k]
-                    if cause is Cause.TENSION
+                    if cause is StopCause.TENSION
                     else (self._lower[k] if read.new[k] < self._lower[k] else self._upper[k])
                 )
                 text = f"the reading {self.names[k]} is {read.new[k]:.6g}, beyond {bound:.6g}"
                 raise Stop(cause, text)
 
     def estimate(self, estimate: Any, t: float) -> None:
-        """At t (s), stop where the innovations of the last `Limits.lost` seconds are too large."""
+        """At t (s), stop if the innovations of the last `RigLimits.lost` seconds are too large."""
         nis, used = getattr(estimate, "nis", None), getattr(estimate, "used", 0)
         if nis is None or t < self.limits.ramp:
             return
@@ -174,17 +174,17 @@ class FailSafe:
         total, count = (sum(column) for column in zip(*self._innovations, strict=True))
         if count and not total <= chdtri(count, SURE):
             text = f"innovations of {total:.3g} in {count} readings: the estimate is lost"
-            raise Stop(Cause.LOST, text)
+            raise Stop(StopCause.LOST, text)
 
     def deadlines(self, in_a_row: int) -> None:
         """Stop after too many missed deadlines in a row."""
         if in_a_row >= self.limits.missed:
-            raise Stop(Cause.MISSED, f"{in_a_row} deadlines missed in a row")
+            raise Stop(StopCause.MISSED, f"{in_a_row} deadlines missed in a row")
 
     def commands(self, commands: np.ndarray) -> None:
         """Stop before a command that is not finite."""
         if not np.isfinite(commands).all():
-            raise Stop(Cause.COMMAND, f"commands {commands.tolist()}")
+            raise Stop(StopCause.COMMAND, f"commands {commands.tolist()}")
 
 
 def _most(model: SoftModel, sensor: Any) -> float:

@@ -15,7 +15,7 @@ from softdyn.estimation import Observer
 from softdyn.exceptions import one_line
 from softdyn.validation.bench.clock import MONOTONIC, TimeSource
 from softdyn.validation.bench.driver import Driver, NewestReadings
-from softdyn.validation.bench.fail_safe import Cause, FailSafe, Stop
+from softdyn.validation.bench.fail_safe import FailSafe, Stop, StopCause
 from softdyn.validation.channels import LogChannel, inputs, positions, rates
 from softdyn.validation.twin.readings import command_units, component_names, component_units
 
@@ -24,7 +24,7 @@ PAUSE = 0.002  # s between two looks for them
 
 
 @contextmanager
-def blamed(cause: Cause, what: str) -> Iterator[None]:
+def blamed(cause: StopCause, what: str) -> Iterator[None]:
     """Turn an exception of the block into a `Stop` with this cause."""
     try:
         yield
@@ -39,7 +39,7 @@ class RealRig:
     """A rig behind a driver; it is a `softdyn.validation.loop.plants.Plant`.
 
     Only an observer knows its state. The controller's forces become commands as the file's motors
-    take them. In the first `Limits.ramp` seconds they rise from the relaxed input.
+    take them. In the first `RigLimits.ramp` seconds they rise from the relaxed input.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class RealRig:
         Stop
             An exception of the driver, or a sensor that stays silent.
         """
-        with blamed(Cause.DRIVER, "start()"):
+        with blamed(StopCause.DRIVER, "start()"):
             self._driver.start()
         patience = self._source.now() + FIRST_READINGS
         while np.isnan(self.read.stamps).any() and self._source.now() < patience:
@@ -134,7 +134,7 @@ class RealRig:
 
     def _take(self) -> float:
         """Read the driver; return the time (s)."""
-        with blamed(Cause.DRIVER, "read()"):
+        with blamed(StopCause.DRIVER, "read()"):
             values, stamps = self._driver.read()
             now = self._source.now()
             self.read.take(values, stamps, now)
@@ -190,7 +190,7 @@ class RealRig:
         moved = self._free + np.where(self._speeds, asked * self._period, 0.0)
         self._free = np.clip(moved, self._winches.lower, self._winches.upper)
         self.sent = asked
-        with blamed(Cause.DRIVER, "send()"):
+        with blamed(StopCause.DRIVER, "send()"):
             self._driver.send(asked.copy())
 
 
@@ -223,7 +223,7 @@ class SeeingObserver:
         """The observer's estimate at t (s)."""
         read = self._rig.read
         more = {"stamps": read.stamps - self._rig.begin} if self._stamped else {}
-        with blamed(Cause.OBSERVER, "observer"):
+        with blamed(StopCause.OBSERVER, "observer"):
             estimate = self.observer.step(t, read.new, u, **more)
             if not (np.isfinite(estimate.q).all() and np.isfinite(estimate.v).all()):
                 raise ValueError("an estimate that is not finite")

@@ -204,7 +204,7 @@ def test_friction_is_in_the_plant_only(models, prepare):
     assert source.read_bytes() == before
     assert all(joint.friction == 0 for joint in model.robot.moving_joints)
     assert all(joint.friction == 0 for joint in models["spirob"].robot.moving_joints)
-    plant = asked["twin"](model.robot, friction=asked["friction"])
+    plant = asked["plant"].twin(model.robot, friction=asked["plant"].rubs)
     np.testing.assert_array_equal(plant.model.dof_frictionloss, [0.1] * 27)
     assert not plant.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
     q, v = random_state(model, 10)
@@ -233,15 +233,17 @@ def test_soft_stops_let_the_hanging_helix_sink(models):
         ("finger", "plant-fine", {"timestep": 1e-4}),
         ("finger", "period-2ms+plant-step", {"timestep": 0.002}),
         ("helix", "contacts", {"contacts": True}),
-        ("spirob", "friction", {"friction": True}),
-        ("finger", "stale", {"timestep": None, "contacts": False, "friction": False}),
+        ("spirob", "friction", {"rubs": True}),
+        ("finger", "stale", {"timestep": None, "contacts": False, "rubs": False}),
     ],
 )
 def test_options_of_the_plant(robot, name, expected, prepare):
     asked = prepare(Case(robot, "ic", "set_point", 1.0), name)
-    assert {key: asked[key] for key in expected} == expected
-    plain = Twin(robot, friction=asked["friction"]).model
-    plant = asked["twin"](robot, friction=asked["friction"]).model
+    errors = asked["plant"]
+    found = {"timestep": asked["timestep"], "contacts": errors.contacts, "rubs": errors.rubs}
+    assert {key: found[key] for key in expected} == expected
+    plain = Twin(robot, friction=errors.rubs).model
+    plant = errors.twin(robot, friction=errors.rubs).model
     np.testing.assert_array_equal(plant.jnt_solref, plain.jnt_solref)
     np.testing.assert_array_equal(plant.body_mass, plain.body_mass)
     assert not asked["v0"].any()
@@ -250,7 +252,7 @@ def test_options_of_the_plant(robot, name, expected, prepare):
 def test_options_of_robot_period_and_nudge(prepare):
     case = Case("spirob", "ic", "tracking", 0.5)
     assert prepare(case, "dof48")["model"].nv == 48
-    soft = prepare(case, "soft-stops")["twin"]("spirob").model
+    soft = prepare(case, "soft-stops")["plant"].twin("spirob").model
     assert (soft.jnt_solref == (0.02, 1.0)).all()
     case = Case("finger", "ic", "set_point", 1.5)
     assert prepare(case, "period-1ms")["experiment"].period == 0.001

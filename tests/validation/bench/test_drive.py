@@ -11,7 +11,7 @@ from softdyn.controllers import best
 from softdyn.estimation import Ekf
 from softdyn.validation import Log, drive, simulate
 from softdyn.validation.bench.drive import Drive
-from softdyn.validation.bench.fail_safe import Cause, Limits
+from softdyn.validation.bench.fail_safe import RigLimits, StopCause
 from tests.support.benched import NearDriver, benched, tower
 
 PERIOD = 0.005
@@ -78,12 +78,12 @@ def test_the_log_has_both_clocks_and_comes_back_from_its_files(model, rig, tmp_p
 def test_commands_rise_and_fall(model, rig):
     sent = []
     rig.rig.obey, obey = lambda line: (sent.append(json.loads(line)), obey(line))[1], rig.rig.obey
-    found = run(model, rig, limits=Limits(ramp=0.1), duration=0.3)
+    found = run(model, rig, limits=RigLimits(ramp=0.1), duration=0.3)
     commands = np.array([one["send"] for one in sent if "send" in one])
     assert np.allclose(commands[:, 0], np.clip(np.minimum(
         np.arange(80) / 20, (80 - np.arange(80) - 1) / 20), 0, 1) * 2.0)  # fmt: skip
     assert sent[-1] == {"stop": True}
-    assert found.cause is Cause.END
+    assert found.cause is StopCause.END
     assert np.allclose(found.log.command, commands[:60])
 
 
@@ -100,7 +100,7 @@ def fault(kind, sensors=("camera",), at=0.15, **more):
 @pytest.mark.parametrize("kind", ["lose", "repeat"])
 def test_readings_that_stop_stop_the_run(model, rig, kind):
     found = run(model, rig, on_step=fault(kind))
-    assert found.cause is Cause.STALE
+    assert found.cause is StopCause.STALE
     assert "camera.x" in found.reason
     assert found.reason in found.log.reason
     assert found.log.t[-1] <= 0.15 + 0.1 + PERIOD
@@ -109,7 +109,7 @@ def test_readings_that_stop_stop_the_run(model, rig, kind):
 
 def test_late_readings_stop_the_run(model, rig):
     found = run(model, rig, on_step=fault("delay", seconds=0.2))
-    assert found.cause is Cause.STALE
+    assert found.cause is StopCause.STALE
 
 
 def test_frozen_readings_are_a_lost_estimate(model, rig):
@@ -120,13 +120,13 @@ def test_frozen_readings_are_a_lost_estimate(model, rig):
     found = run(
         model, rig, law, duration=2.0, on_step=fault("freeze", ("shoulder", "elbow"), at=0.6)
     )
-    assert found.cause is Cause.LOST
+    assert found.cause is StopCause.LOST
     assert 0.6 < found.log.t[-1] < 1.0
 
 
 def test_a_reading_beyond_its_limits_stops_the_run(model, rig):
-    found = run(model, rig, held(model, (59.0, 0.0)), duration=2.0, limits=Limits(ramp=0.0))
-    assert found.cause is Cause.LIMIT
+    found = run(model, rig, held(model, (59.0, 0.0)), duration=2.0, limits=RigLimits(ramp=0.0))
+    assert found.cause is StopCause.LIMIT
     assert "shoulder" in found.reason
 
 
@@ -143,7 +143,7 @@ def test_a_tension_beyond_its_bound_stops_the_run(model, rig):
         watchdog=False, source=rig.hands.source,
     )  # fmt: skip
     found = given.run()
-    assert found.cause is Cause.TENSION
+    assert found.cause is StopCause.TENSION
     assert rig.stops == 1
 
 
@@ -167,11 +167,11 @@ def raises():
 
 def test_a_controller_s_exception_and_a_command_that_is_not_finite(model, rig):
     found = run(model, rig, Broken(raises))
-    assert found.cause is Cause.CONTROLLER
+    assert found.cause is StopCause.CONTROLLER
     assert "my own mistake" in found.log.reason
     assert isinstance(found.error, RuntimeError)
     found = run(model, rig, Broken(lambda: np.full(2, np.nan)))
-    assert found.cause is Cause.COMMAND
+    assert found.cause is StopCause.COMMAND
     assert rig.stops == 2
 
 
@@ -191,7 +191,7 @@ def test_a_driver_s_exception(model, rig, method):
         watchdog=False, source=rig.hands.source,
     )  # fmt: skip
     found = given.run()
-    assert found.cause is Cause.DRIVER
+    assert found.cause is StopCause.DRIVER
     assert found.reason == f"{method}(): OSError: cable unplugged"
     assert rig.stops == 1
 
@@ -202,7 +202,7 @@ def test_an_observer_s_exception(model, rig):
             raise ValueError("dark")
 
     found = run(model, rig, observer=Blind())
-    assert found.cause is Cause.OBSERVER
+    assert found.cause is StopCause.OBSERVER
     assert rig.stops == 1
 
 
@@ -215,9 +215,9 @@ def test_a_miss_holds_the_last_command_and_many_stop_the_run(model, rig):
         return np.array([2.0, 1.0])
 
     begin = 100.0
-    found = run(model, rig, law, limits=Limits(ramp=0.0))
+    found = run(model, rig, law, limits=RigLimits(ramp=0.0))
     log = found.log
-    assert found.cause is Cause.END
+    assert found.cause is StopCause.END
     assert log.missed.sum() == 2
     left = np.flatnonzero(log.status == "left out")
     assert len(left) == 1
@@ -225,11 +225,11 @@ def test_a_miss_holds_the_last_command_and_many_stop_the_run(model, rig):
     assert (log.command[left] == log.command[left - 1]).all()
     slow[25] = 6.0
     begin = rig.hands.time
-    assert run(model, rig, law).cause is Cause.MISSED
+    assert run(model, rig, law).cause is StopCause.MISSED
 
 
 def test_what_cannot_be_driven_is_refused(model, rig):
     with pytest.raises(InputError, match=r"no start\(\)"):
         Drive(model, held(model), SetPoint(np.zeros(3)), object())
     with pytest.raises(InputError, match="latency and the interval of 'camera'"):
-        run(model, rig, limits=Limits(stale=0.03))
+        run(model, rig, limits=RigLimits(stale=0.03))

@@ -215,7 +215,7 @@ MISUSES = [
     ({"more": "[gains.ic]\nkp = 1"}, "gains.ic.kp: expected one of Kp, eps"),
     ({"more": "[gains.ic]\nKp = [1, -1]"}, "gains.ic.Kp: expected a positive number, got -1"),
     ({"controllers": 'controllers = ["mpc"]', "more": "[gains.mpc]\nhorizn = 1"},
-     "mpc for finger: parameters: expected"),
+     "mpc for finger: parameters: horizn: expected"),
     ({"more": "nonsense"}, "expected a TOML file"),
 ]  # fmt: skip
 
