@@ -22,7 +22,7 @@
   arguments, and errors; `copies`: copies that stay read-only, and share nothing that changes;
   `files`: files written whole or not at all; `toml_table`, `csv_table`: the readers of TOML and
   CSV;
-  `compiled`: kernels with and without Numba; `kernel_pipeline`: Numba's passes that they need.
+  `compiled`: kernels with and without Numba.
 
 The public names are imported when they are used, as `__init__.pyi` lists them, so that the command
 line answers `--help` without loading an engine.

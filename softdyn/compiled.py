@@ -19,8 +19,8 @@ import secrets
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from multiprocessing import current_process
 from pathlib import Path
@@ -30,29 +30,11 @@ from typing import Any, TypeVar
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
-@contextmanager
-def _plain_messages() -> Iterator[None]:
-    """Import Numba without colours for its messages.
-
-    Numba makes and drops thousands of them while it compiles, and the colours take a tenth of the
-    time.
-    """
-    name = "NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING"
-    stated = name in os.environ
-    os.environ.setdefault(name, "1")
-    try:
-        yield
-    finally:
-        if not stated:
-            del os.environ[name]
-
-
 def _numba() -> Any:
     if os.environ.get("SOFTDYN_COMPILE", "1") == "0":
         return None
     try:
-        with _plain_messages():
-            import numba
+        import numba
     except ImportError:
         return None
     return None if getattr(numba.config, "DISABLE_JIT", 0) else numba  # NUMBA_DISABLE_JIT=1
@@ -91,27 +73,12 @@ def compiled(function: Kernel, *, reorder: bool = False, inline: bool = False) -
     if reorder:
         options["fastmath"] = {"reassoc", "contract"}
     announce_compilation()
-    kernel = numba.njit(**options, pipeline_class=_pipeline().Kernel)(function)
-    _compile_apart_for_kernels(kernel, options)
+    kernel = numba.njit(**options)(function)
     # for a closure, or without these classes of Numba, every process compiles the kernel
     with suppress(RuntimeError, AttributeError):
         kernel._cache = KernelCache(function)
         CACHES.append(kernel._cache)
     return kernel
-
-
-def _pipeline() -> Any:
-    from softdyn import kernel_pipeline  # it needs Numba
-
-    return kernel_pipeline
-
-
-def _compile_apart_for_kernels(kernel: Any, options: dict[str, Any]) -> None:
-    """Let kernels that call this one link a lighter version of it, without wrapper and cache."""
-    options = {**options, "no_cpython_wrapper": True}
-    inner = numba.njit(**options, pipeline_class=_pipeline().InnerKernel)(kernel.py_func)
-    # Numba's typing and lowering of a call use these two methods of a dispatcher
-    kernel.get_call_template, kernel.get_overload = inner.get_call_template, inner.get_overload
 
 
 class KernelCache:
@@ -227,10 +194,9 @@ def kernel_sources(file: Path) -> str:
 
 @cache
 def _digest(folders: tuple[Path, ...]) -> str:
-    files = (f for folder in folders for f in sorted(folder.rglob("*.py")))
-    kernels = (text for text in map(Path.read_bytes, files) if b"compiled" in text)
-    compilers = (Path(__file__), Path(__file__).with_name("kernel_pipeline.py"))
-    sources = b"\0".join((*map(Path.read_bytes, compilers), *kernels))
+    files = [Path(__file__), *(f for folder in folders for f in sorted(folder.rglob("*.py")))]
+    texts = (file.read_bytes() for file in files)
+    sources = b"\0".join(text for text in texts if b"compiled" in text)
     return hashlib.sha256(numba.__version__.encode() + sources).hexdigest()
 
 

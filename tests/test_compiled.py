@@ -384,26 +384,3 @@ def test_the_notice_is_said_once_on_a_machine_and_then_after_seconds(monkeypatch
         assert ("once on this machine" in said) == (not kept)
     LATER[-1].function()
     assert "compiling more of its kernels" in capsys.readouterr().err
-
-
-@pytest.mark.skipif(not softdyn.compiled.COMPILES, reason="nothing is compiled")
-def test_an_inner_kernel_gets_machine_code_only_for_python():
-    """A kernel that calls another leaves it uncompiled for Python; both give the same digits."""
-    inner = softdyn.compiled.compiled(_total, reorder=True)
-
-    def twice(values):
-        return 2 * inner(values)
-
-    outer = softdyn.compiled.compiled(twice)
-    values = np.random.default_rng(3).normal(size=101)
-    doubled = outer(values)
-    assert (len(outer.overloads), len(inner.overloads)) == (1, 0)
-    assert doubled == 2 * inner(values)
-    assert len(inner.overloads) == 1
-
-
-def _total(values):
-    total = 0.0
-    for i in range(len(values)):
-        total += values[i]
-    return total

@@ -63,6 +63,7 @@ def measure(seeds: range, states: int, trajectories: int = 0, bodies: int = 4) -
     from tqdm import tqdm
 
     import softdyn
+    from softdyn.dynamics.tree import TreeModel
     from softdyn.validation.crosschecks.crosscheck import crosscheck
     from softdyn.validation.twin.twin import Twin
     from tests.proof.crosschecks.wrapped_robots import wrapped_robot

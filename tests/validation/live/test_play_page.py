@@ -317,7 +317,7 @@ def test_sliders_explore_rests(other, tmp_path):
 def test_sliders_keep_the_commands_while_a_lag_acts(other, tmp_path):
     """Behind a rig, open loop: the sliders show what was asked for, the numbers what acts."""
     model = softdyn.load(micro.write(tmp_path, winched.ARM))
-    with play(model, rig=Rig(lag=1000.0)) as live:
+    with play(model, rig=Rig(lag=10.0)) as live:
         other.open(live.url)
         other.until("softdyn.leads && softdyn.frames > 5")
         other.run('(softdyn.say({do: "inputs", u: [0, 7.5]}), 1)')
