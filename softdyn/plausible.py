@@ -45,7 +45,7 @@ def too_slow(name: str, value: float, period: float) -> str | None:
 
 
 def beyond_seconds(value: object) -> str | None:
-    """What to say of a time in place of a number of seconds up to the longest delay."""
+    """A word of doubt about a time (s) that is longer than the longest delay, else None."""
     if isinstance(value, int | float) and value > LONGEST_DELAY:
         return f"{value:g}: in ms?"
     return None

@@ -226,7 +226,7 @@ class DesignFile:
 
 
 def _at(table: Any, path: Iterable[str | int]) -> Any:
-    """What a path leads to in a table."""
+    """The value in a table to which a path leads."""
     for key in path:
         table = table[key]
     return table

@@ -31,7 +31,7 @@ def edges(text: str) -> list[tuple[str, float]]:
 
 
 def test_a_cable_without_a_side_flips() -> None:
-    """Where both sites and the axis are in one line: half a turn less both elevations."""
+    """It flips when both sites and the axis are in one line: half a turn less both elevations."""
     (found,) = edges(CRANK)
     assert "flips" in found[0]
     assert found[1] == pytest.approx(

@@ -334,7 +334,7 @@ def test_bundled_robots_look_right(name: str) -> None:
 
 
 def test_springs_pulls_and_weight_that_do_not_fit_each_other() -> None:
-    """Of an arm of three sections: nothing; then springs × 0.001, pulls × 1000, no input."""
+    """An arm of three sections is plausible; with springs × 0.001 or pulls × 1000 it is not."""
     arm = load_text(design.read(tomllib.loads(THREE_SECTIONS)).text, path=Path("arm.urdf"))
     assert diagnose(arm, 3).doubts == ()
     robot = arm.robot

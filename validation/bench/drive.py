@@ -260,8 +260,11 @@ class Drive:
         finally:
             if watchdog is not None:
                 watchdog.end()
-        if left is not None and cause is StopCause.END:
-            cause, reason, error = StopCause.DRIVER, f"stop(): {left}", left
+        if left is not None:  # whatever else has stopped the run: the rig may still pull
+            failed = f"stop(): {left}; relax the rig by hand"
+            if cause is StopCause.END:
+                cause, error = StopCause.DRIVER, left
+            reason = one_line("; ".join(filter(None, (reason, failed))), 300)
         return DriveResult(self.log(cause, reason), cause, reason, error)
 
     def log(self, cause: StopCause, reason: str) -> Log:

@@ -1,4 +1,4 @@
-"""What a user writes for a rig: its driver. Here is its contract, and its readings in order."""
+"""The driver of a rig, which its user writes: its contract, and its readings in order."""
 
 from __future__ import annotations
 

@@ -130,6 +130,14 @@ def test_a_reading_beyond_its_limits_stops_the_run(model, rig):
     assert "shoulder" in found.reason
 
 
+def driven_by(driver, model, rig, controller=None):
+    """A run of half a second by this driver."""
+    return Drive(
+        model, controller or held(model), SetPoint(np.zeros(3)), driver, period=PERIOD,
+        duration=0.5, watchdog=False, source=rig.hands.source,
+    ).run()  # fmt: skip
+
+
 def test_a_tension_beyond_its_bound_stops_the_run(model, rig):
     class Strong(NearDriver):
         def read(self):
@@ -138,11 +146,7 @@ def test_a_tension_beyond_its_bound_stops_the_run(model, rig):
             values[2] = 70.0 if self.tower.hands.time > 100.2 else values[2]
             return values, stamps
 
-    given = Drive(
-        model, held(model), SetPoint(np.zeros(3)), Strong(model), period=PERIOD, duration=0.5,
-        watchdog=False, source=rig.hands.source,
-    )  # fmt: skip
-    found = given.run()
+    found = driven_by(Strong(model), model, rig)
     assert found.cause is StopCause.TENSION
     assert rig.stops == 1
 
@@ -186,14 +190,26 @@ def test_a_driver_s_exception(model, rig, method):
         return getattr(NearDriver, method)(self, *_)
 
     setattr(Failing, method, fails)
-    given = Drive(
-        model, held(model), SetPoint(np.zeros(3)), Failing(model), period=PERIOD, duration=0.5,
-        watchdog=False, source=rig.hands.source,
-    )  # fmt: skip
-    found = given.run()
+    found = driven_by(Failing(model), model, rig)
     assert found.cause is StopCause.DRIVER
     assert found.reason == f"{method}(): OSError: cable unplugged"
     assert rig.stops == 1
+
+
+def test_a_rig_that_cannot_be_relaxed_is_said_whatever_has_stopped_the_run(model, rig):
+    class Stuck(NearDriver):
+        def stop(self):
+            super().stop()
+            raise OSError("no answer")
+
+    warning = "stop(): no answer; relax the rig by hand"
+    found = driven_by(Stuck(model), model, rig)
+    assert (found.cause, found.reason) == (StopCause.DRIVER, warning)
+    found = driven_by(Stuck(model), model, rig, Broken(raises))
+    assert found.cause is StopCause.CONTROLLER
+    assert "my own mistake" in found.reason
+    assert found.reason.endswith(warning)
+    assert rig.stops == 4  # each is tried twice
 
 
 def test_an_observer_s_exception(model, rig):
