@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from softdyn.identification.unknowns.sensor_errors import READ, reading_names
 from softdyn.sensing.sensors import SUFFIXES
 
 FAR = 5.0  # times its bound; an input this large is probably in another unit
+AWAY = 50.0  # robot lengths; a tip that is farther away is probably in mm
 SLOW = 0.5  # s between samples; with longer steps the times are probably milliseconds
 BESIDE = ("v.", "target.", "command.", "acting.")  # other columns of a rig's recording
 LOG = "log"  # a column of a log's CSV; all of its columns that are no measurements are left out
@@ -202,8 +204,8 @@ def check_data(model: SoftModel, data: Measurements) -> None:
     Raises
     ------
     InputError
-        For another number of inputs, inputs far beyond the file's bounds, and outputs that the
-        robot does not have.
+        For another number of inputs, inputs far beyond the file's bounds, outputs that the robot
+        does not have, and a tip far beyond its length.
     """
     if data.u.shape[1] != model.nu:
         raise InputError("data", f"{model.nu} inputs, as {model.name!r} has", data.u.shape[1])
@@ -211,6 +213,12 @@ def check_data(model: SoftModel, data: Measurements) -> None:
     for name in data.names:
         if name not in known:
             raise InputError("data", f"outputs of {model.name!r}", did_you_mean(name, known))
+    most = AWAY * model.robot.length or math.inf
+    tips = np.array([name.startswith("tip.") for name in data.names], bool)
+    for k, j in np.argwhere(tips & (np.abs(data.outputs) > most))[:1]:
+        within = f"metres, for a robot of {model.robot.length:.3g} m"
+        got = f"{data.outputs[k, j]:g} at t = {data.t[k]:g} s: millimetres?"
+        raise InputError(data.names[j], within, got)
     room = BEYOND * (model.u_max - model.u_min)
     beyond = (data.u < model.u_min - room) | (data.u > model.u_max + room)
     for k, j in np.argwhere(beyond)[:1]:

@@ -11,7 +11,7 @@ import pytest
 import softdyn
 from softdyn import InputError, identification
 from softdyn.commands import identify as command
-from softdyn.identification.data import at_stops
+from softdyn.identification.data import Measurements, at_stops, check_data
 from softdyn.validation.identification.trials import Excitation, twin_data
 from tests.support import ROOT, cart
 
@@ -21,6 +21,15 @@ HEADER = "t,u.u1,u.u2,q.joint1,q.joint2,q.joint3,q.joint4"
 @pytest.fixture(scope="module")
 def finger():
     return softdyn.load("finger")
+
+
+def test_a_tip_in_millimetres_is_said(finger):
+    tip = np.array([[0.2, 0.0, np.nan], [0.21, 0.01, -0.1], [0.2, 0, -0.1]])  # a cell may be empty
+    names = ("tip.x", "tip.y", "tip.z")
+    check_data(finger, Measurements(np.arange(3.0), np.zeros((3, 2)), names, tip))
+    given = Measurements(np.arange(3.0), np.zeros((3, 2)), names, 1e3 * tip)
+    with pytest.raises(InputError, match=r"tip.x: expected metres.* 0.24 m, got 200.*millimetres"):
+        check_data(finger, given)
 
 
 def test_names_of_the_finger(finger):

@@ -18,8 +18,8 @@ of them.
 - `textbook`, `laws`: every controller against the paper's QPs as printed;
 - `paper`, `reproduce`, `certify`: these QPs, an emulation of the paper's program, and V along the
   paper's runs;
-- `step_time`, `hostile`, `observer_time`, `throughput`, `live_time`, `timing`: times of ordinary
-  steps, of steps under hostile numbers, of observers, of closed loops, and with live pages;
+- `step_time`, `hostile`, `observer_time`, `loop_time`, `throughput`, `live_time`, `timing`: times
+  of steps, also under hostile numbers, of observers, of closed loops, and with live pages;
 - `compare_steps`, `scaling`: step times compared with another checkout, and by the size of a robot;
 - `scenes`, `obstacle`, `safety`: arms among obstacles, judged by MuJoCo's distances;
 - `estimates`: forces that the observer estimates.
