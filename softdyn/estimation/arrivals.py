@@ -134,16 +134,18 @@ class SensorChannel:
     def waits(self, begin: float, end: float, stamped: bool = False) -> Iterator[float]:
         """Own times in (begin, end] of readings that arrive later than that, in steps so long.
 
-        Stamped readings may belong to any time, so that one prediction in each step waits.
+        Stamped readings may belong to any time, so that one prediction in each step waits: that of
+        its end, because it needs no step of its own.
         """
-        for own in self._late(begin, end, 0.0 if stamped else self.rate):
+        at_end = (end,) if self.latency > 0 and end > begin else ()
+        for own in at_end if stamped else self._late(begin, end):
             if own >= self.newest + self.apart:
                 self.newest = own
                 yield own
 
-    def _late(self, begin: float, end: float, rate: float) -> Iterator[float]:
-        """The same for readings that are any time apart."""
-        step = end - begin
+    def _late(self, begin: float, end: float) -> Iterator[float]:
+        """The same for readings without stamps that are any time apart."""
+        step, rate = end - begin, self.rate
         if step == 0:  # the length of the next step is not known
             number = round(end * rate)
             if self.latency > 0 and rate > 0 and abs(number - end * rate) <= SAME:

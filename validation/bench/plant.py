@@ -13,6 +13,7 @@ from softdyn import SoftModel, State
 from softdyn.actuation import CommandKind, Winches
 from softdyn.estimation import Observer
 from softdyn.exceptions import one_line
+from softdyn.statics import StaticsError, rest
 from softdyn.validation.bench.clock import MONOTONIC, TimeSource
 from softdyn.validation.bench.driver import Driver, NewestReadings
 from softdyn.validation.bench.fail_safe import FailSafe, Stop, StopCause
@@ -33,6 +34,14 @@ def blamed(cause: StopCause, what: str) -> Iterator[None]:
     except Exception as error:
         reason = one_line(f"{what}: {type(error).__name__}: {error}", 300)
         raise Stop(cause, reason) from error
+
+
+def rest_pose(model: SoftModel) -> np.ndarray | None:
+    """The configuration (nq,) in which a relaxed arm rests; None without an equilibrium."""
+    try:
+        return rest(model).q
+    except StaticsError:
+        return None
 
 
 class RealRig:

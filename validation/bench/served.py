@@ -11,7 +11,8 @@ and gets, every two milliseconds, the readings that are new:
 
     {"values": [0.12, null, …], "stamps": [1234.5, null, …]}
 
-with stamps in `time.monotonic()`. The rig is the twin with the motors and sensors of its file.
+with stamps in `time.monotonic()`. The rig is the twin with the motors and sensors of its file. It
+begins at rest, with relaxed motors.
 Commands act on if their sender goes away, as those of real motor drives do.
 """
 
@@ -32,6 +33,7 @@ import numpy as np
 from softdyn import InputError, SoftModel
 from softdyn.checks import did_you_mean, number, vector
 from softdyn.exceptions import one_line
+from softdyn.validation.bench.plant import rest_pose
 from softdyn.validation.loop.arguments import starting_pose
 from softdyn.validation.twin.rig import Rig, RiggedPlant
 from softdyn.view.loopback import listener
@@ -153,7 +155,7 @@ class ServedRig:
     ) -> None:
         self._model, self._clock = model, clock
         self._plant = RiggedPlant(Rig(seed=seed), model, TICK)
-        q, _ = starting_pose(model, None)
+        q, _ = starting_pose(model, rest_pose(model))
         self._plant.start(q, np.zeros(model.nv))
         self._relaxed = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
         self._commands: np.ndarray | None = None
