@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,29 +68,6 @@ def test_the_estimate_begins_where_the_arm_rests(model, rig):
     assert log.q[0] == pytest.approx(sag, abs=1e-9)
     assert log.q_seen == pytest.approx(np.tile(sag, (log.steps, 1)), abs=1e-3)
     assert observer.counts.refuted == 0
-
-
-def test_the_observer_hears_when_commands_were_sent(model, rig):
-    """A controller that takes most of its period: without the times the model seems wrong."""
-    exact = tuple(replace(one, noise=(1e-5,)) for one in model.robot.sensors[:2])
-    noise = []
-    for hears in (True, False):
-        ekf = Ekf(model, (*exact, *model.robot.sensors[2:]))
-        made = tower(model)
-
-        class Hearing:
-            components, reset = ekf.components, ekf.reset
-
-            def step(self, t, measurements, u, stamps, sent, ekf=ekf, hears=hears):
-                return ekf.step(t, measurements, u, stamps, sent if hears else None)
-
-        def law(state, reference, made=made):
-            made.hands.pass_(0.8 * PERIOD)
-            return np.array([20.0, 0.0]) * (-1.0) ** round(made.hands.time / PERIOD)
-
-        assert run(model, made, law, duration=0.6, observer=Hearing()).cause is StopCause.END
-        noise.append(ekf.process)
-    assert noise[0] < 0.5 * noise[1]
 
 
 def test_the_log_has_both_clocks_and_comes_back_from_its_files(model, rig, tmp_path):
