@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,6 +36,7 @@ parser.add_argument("--count", type=int, default=200, help="robots (default: 200
 parser.add_argument("--states", type=int, default=10, help="states of each (default: 10)")
 parser.add_argument("--trajectories", type=int, default=50, metavar="N",
                     help="robots whose trajectories are compared (default: 50)")  # fmt: skip
+parser.output("--plot", "FILE", "instead, draw moment arms where cables touch and leave: .png")
 
 
 @dataclass
@@ -106,13 +108,9 @@ def _compare(
     apart = np.abs(state.moment_arms - arms[:, order]).max(axis=1)
     found.note("length", float(np.abs(state.lengths - data.ten_length).max()), where)
     paths = model.tendons.wraps
-    contacts = paths.contacts(*model.kinematics(q)[1:])
-    found.contacts.update(contact.name for contact in contacts)
-    inside = {
-        piece.tendon
-        for piece, contact in zip(paths.pieces, contacts, strict=True)
-        if contact is Contact.BENT
-    }
+    contacts = paths.at(*model.kinematics(q)[1:]).courses.contact
+    found.contacts.update(Contact(contact).name for contact in contacts)
+    inside = set(paths.tendon[contacts == Contact.BENT].tolist())
     for t, error in enumerate(apart):
         found.note("arms inside" if t in inside else "arms outside", float(error), where)
 
@@ -145,7 +143,7 @@ def _edges(model: TreeModel, q: np.ndarray) -> bool:
     paths = model.tendons.wraps
 
     def here(at):
-        return paths.contacts(*model.kinematics(at)[1:])
+        return paths.at(*model.kinematics(at)[1:]).courses.contact.tolist()
 
     steps = np.vstack((np.eye(model.nv), -np.eye(model.nv)))
     now = here(q)
@@ -153,7 +151,13 @@ def _edges(model: TreeModel, q: np.ndarray) -> bool:
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Measure and print."""
+    """Measure and print, or draw."""
+    if arguments.plot is not None:
+        from tests.proof.crosschecks.lift_off import draw
+
+        draw(Path(arguments.plot))
+        print(arguments.plot)
+        return cli.PASSED
     found = measure(range(arguments.count), arguments.states, arguments.trajectories)
     print(
         f"{arguments.count} robots, {sum(found.contacts.values())} pieces: {dict(found.contacts)}"
