@@ -218,12 +218,12 @@ def compile_wraps(tendons: tuple[Tendon, ...], anchor: Anchor, moves: np.ndarray
             places.append([place for _, place in anchored])
             turned.append(np.array(tips).T - centre[:, None])
     nv = len(moves)
-    tendon, after = np.array(numbers, int).reshape(-1, 2).T
+    owner, after = np.array(numbers, int).reshape(-1, 2).T
     carrier = np.array(carriers, int).reshape(-1, 3)
     beyond = moves.T[carrier[:, 0]]  # (pieces, nv): what moves the round body, the last one nearest
     order = np.where(beyond, -1 - np.arange(nv), np.arange(nv))
     return WrappedPaths(
-        tendon,
+        owner,
         after,
         RoundBodies.of(bodies),
         carrier,
@@ -231,7 +231,7 @@ def compile_wraps(tendons: tuple[Tendon, ...], anchor: Anchor, moves: np.ndarray
         np.array(turned).reshape(-1, 3, 3),
         moves.T[carrier[:, 1:]].astype(float) - beyond[:, None],
         order[:, :, None] <= order[:, None],
-        (np.arange(len(tendons))[:, None] == tendon).astype(float),
+        (np.arange(len(tendons))[:, None] == owner).astype(float),
     )
 
 
