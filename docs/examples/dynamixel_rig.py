@@ -7,6 +7,7 @@ import math
 import os
 import sys
 import time
+from typing import Any
 
 from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
 
@@ -47,7 +48,8 @@ class DynamixelRig:
                 raise ValueError(f"{sensor.name}: motors read lengths and tensions of their cables")
             tension = sensor.kind.value == "tension"
             self.readings.append((tendons.index(sensor.tendon), tension))
-        self.port, self.bus, self.asked = None, PacketHandler(2.0), None
+        self.port: Any = None
+        self.bus, self.asked = PacketHandler(2.0), None
         self.packets = self.lost = 0
 
     def start(self):

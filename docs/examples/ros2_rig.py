@@ -16,6 +16,7 @@ the newest messages, so that read() never waits.
 import math
 import threading
 import time
+from typing import Any
 
 import rclpy
 from geometry_msgs.msg import PointStamped
@@ -35,7 +36,8 @@ class Ros2Rig:
         self.motors = [motor.name for motor in robot.actuators]
         self.kinds = [FIELDS[motor.command.value] for motor in robot.actuators]
         tendons = [motor.tendon for motor in robot.actuators]
-        self.rows, first = {}, 0  # the place of each reading: of (motor, field), or of the tip
+        first = 0
+        self.rows: dict[Any, int] = {}  # the place of each reading: of (motor, field), or "tip"
         for sensor in robot.sensors:
             kind = sensor.kind.value
             if kind in ("length", "tension"):
@@ -44,7 +46,8 @@ class Ros2Rig:
             elif kind == "position":
                 self.rows["tip"] = first
             first += sensor.kind.size
-        self.size, self.node, self.lock = first, None, threading.Lock()
+        self.node: Any = None
+        self.size, self.lock = first, threading.Lock()
 
     def start(self):
         rclpy.init()

@@ -259,10 +259,11 @@ class ServedRig:
         if steps <= 0:
             return
         plant, state = self._plant, self._model.state(*self._plant.state())
-        none = self._commands is None
-        values, stuck = self._relaxed if none else self._commands, ~np.isnan(self._jammed)
-        commanded = (self._none if none else self._all) | stuck
-        u = plant.direct(np.where(stuck, self._jammed, values), commanded, state)
+        values, commanded = self._relaxed, self._none
+        if self._commands is not None:
+            values, commanded = self._commands, self._all
+        stuck = ~np.isnan(self._jammed)
+        u = plant.direct(np.where(stuck, self._jammed, values), commanded | stuck, state)
         plant.advance(u, steps, state)
         self._steps += steps
 

@@ -1,16 +1,8 @@
 """The zeros of a rig: the offsets of its winches and the biases of its encoders, by pulling.
 
-One cable after the other is wound up until its tension rises, and paid out again. All others are
-slack meanwhile. At rest under the tension T of this cable alone, the model gives the length ℓ(T) of
-its tendon. The free length is ℓ(T) - T / k, which is the command plus the offset z. So the tension
-that a sensor reads is a known function f of the free length, zero where the cable is slack:
-
-    T(c) = t₀ + s f(c + z).
-
-Each pull, and each paying out, is fitted for z, for the sensor's zero t₀, and for a factor s. The
-factor takes up the friction of the cable, which has other signs in both directions, and an error of
-the arm's stiffness. The bend of the curve, where the cable tightens, gives z. An encoder's bias is
-its reading less ℓ, on the line through the taut readings where the tension is zero.
+One cable after the other is wound up until its tension rises, and paid out again, a number of
+times. All others are slack meanwhile. Each pull, and each paying out, gives a zero: see
+`softdyn.validation.bench.pulled_cable`. Lags shift it in opposite directions, so their mean counts.
 """
 
 from __future__ import annotations
@@ -21,18 +13,16 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from softdyn import InputError, SoftModel
-from softdyn.actuation import CommandKind, Winches
+from softdyn.actuation import Winches
 from softdyn.checks import number, whole
-from softdyn.description.rig import Sensor, SensorKind
 from softdyn.description.robot import Robot
 from softdyn.dynamics.model import check_model
-from softdyn.statics import StaticsError, settle
 from softdyn.validation.bench.drive import Drive
 from softdyn.validation.bench.driver import Driver
 from softdyn.validation.bench.fail_safe import RigLimits, Stop, StopCause
+from softdyn.validation.bench.pulled_cable import PulledCable
 from softdyn.validation.loop.arguments import nowhere
 
 SPEED = 0.002  # m/s at which cables are wound up and paid out; slow beside the arm's own motion
@@ -41,12 +31,8 @@ SPREAD = 5e-4  # m; a zero that varies more between pulls is refused
 BACK = 3e-3  # m that a cable is paid out beyond the length at which it was slack
 MORE = 5e-3  # m beyond three times the model's travel, in which the tension must rise
 TRAVEL = 3.0
+PERIOD = 0.005  # s
 SETTLING = 1.0  # s after all cables are paid out
-SHARE = 0.05  # of the largest tension that a motor may give, for a pull
-DEVIATIONS = 6.0  # of a tension sensor's noise, at which a cable counts as taut
-PULL = 20.0  # of these deviations, the least pull
-TENSIONS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0)  # of a pull, in the model's curve
-FEWEST = 20  # samples of a fit
 
 Commands = Generator[np.ndarray, None, None]
 
@@ -58,7 +44,7 @@ class ZeroSettings:
     Attributes
     ----------
     repeats : int
-        The number of pulls of each cable.
+        The number of pulls of each cable, at least 2, so that a zero that scatters shows.
     reach : float
         Largest distance (m) of a zero from that of the file.
     pull : float, optional
@@ -79,7 +65,7 @@ class ZeroSettings:
     speed: float = SPEED
 
     def __post_init__(self) -> None:
-        whole("repeats", self.repeats, lower=1)
+        whole("repeats", self.repeats, lower=2)
         for name in ("reach", "speed"):
             number(name, getattr(self, name), above=0.0)
         if self.pull is not None:
@@ -109,105 +95,6 @@ class CableZero:
     spread: float
     hysteresis: float
     biases: dict[str, float]
-
-
-class Cable:
-    """One winch with its sensors, and the model's curve of its tension.
-
-    Parameters
-    ----------
-    model : SoftModel
-        The robot with its rig.
-    k : int
-        The number of the winch.
-    settings : ZeroSettings
-        How it is pulled.
-
-    Raises
-    ------
-    InputError
-        A motor that does not command a length, a cable without a tension sensor, a pull beyond the
-        motor's bound, an arm without an equilibrium.
-    """
-
-    def __init__(self, model: SoftModel, k: int, settings: ZeroSettings) -> None:
-        motor = model.robot.actuators[k]
-        self.name, self.k = motor.name, k
-        if motor.command is not CommandKind.LENGTH:
-            expected = f'command="length" of {motor.name!r}, whose zero is a length'
-            raise InputError("zero", expected, f'command="{motor.command.value}"')
-        rows = dict(_rows(model.robot.sensors))
-        own = [s for s in model.robot.sensors if s.tendon == motor.tendon]
-        loads = [s for s in own if s.kind is SensorKind.TENSION]
-        if not loads:
-            expected = f'a <sensor type="tension"> on tendon {motor.tendon!r}'
-            raise InputError("zero", expected, "none")
-        self.load, noise = rows[loads[0].name], max(loads[0].noise)
-        self.encoders = {s.name: rows[s.name] for s in own if s.kind is SensorKind.LENGTH}
-        most = max(abs(motor.gear * motor.lower), abs(motor.gear * motor.upper))
-        least = PULL * noise
-        self.pull = max(SHARE * most, least) if settings.pull is None else settings.pull
-        if not least <= self.pull <= most:
-            expected = (
-                f"{least:g} N (its sensor's noise) to {most:g} N (its bound) for {self.name!r}"
-            )
-            raise InputError("pull", expected, f"{self.pull:g} N")
-        self.taut = max(DEVIATIONS * noise, 0.02 * self.pull)
-        self._curve(model, motor.gear, motor.stiffness, loads[0])
-
-    def _curve(self, model: SoftModel, gear: float, stiffness: float, load: Sensor) -> None:
-        """The equilibria under a pull at this cable alone."""
-        relaxed = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
-        tendon, q, rows = Winches(model).tendon[self.k], None, []
-        for tension in self.pull * np.array(TENSIONS):
-            u = relaxed.copy()
-            u[self.k] = -tension / gear
-            try:
-                q = settle(model, u, q).q
-            except StaticsError as error:
-                raise InputError("zero", f"an equilibrium at {tension:g} N", error) from None
-            state = model.state(q, np.zeros(model.nv))
-            length = float(state.lengths[tendon])
-            read = float(np.asarray(model.measure(state, u))[self.load])
-            rows.append((length - tension / stiffness, read, length))
-        free, read, length = np.array(rows).T
-        if not (np.diff(free) < 0).all():
-            expected = f"a cable {self.name!r} that is wound up the more, the higher its tension"
-            raise InputError("zero", expected, "one that is not")
-        self.rest, self.travel = float(free[0]), float(free[0] - free[TENSIONS.index(1.0)])
-        self._free, self._read, self._lengths = free[::-1], (read - read[0])[::-1], length[::-1]
-
-    def tension(self, free: np.ndarray) -> np.ndarray:
-        """The tension (N) that its sensor reads at free lengths (m), less that of a slack cable."""
-        return _extended(free, self._free, self._read)
-
-    def length(self, free: np.ndarray) -> np.ndarray:
-        """The length (m) of its tendon at free lengths (m)."""
-        return _extended(free, self._free, self._lengths)
-
-    def fit(self, rows: np.ndarray) -> float:
-        """The offset (m) from rows of command (m) and tension (N).
-
-        Raises
-        ------
-        Stop
-            Rows that do not have the shape of the model's curve.
-        """
-        c, read = rows.T
-        taut = read > read.min() + 0.5 * np.ptp(read)
-        begin = self._free[np.searchsorted(-self._read, -0.5 * self.pull)] - np.median(c[taut])
-        scale = np.array([1e-3, 1.0, max(0.01 * self.pull, 1e-9)])
-
-        def residual(x: np.ndarray) -> np.ndarray:
-            z, s, zero = x * scale
-            found: np.ndarray = zero + s * self.tension(c + z) - read
-            return found
-
-        start = np.array([begin, 1.0, float(np.min(read))]) / scale
-        offset, factor, _ = least_squares(residual, start).x * scale
-        if not (np.isfinite(offset) and factor > 0):
-            raise Stop(StopCause.CABLE, f"{self.name!r}: its tension does not rise as the model's")
-        return float(offset)
 
 
 @dataclass
@@ -242,7 +129,7 @@ class Zeroing:
     Raises
     ------
     InputError
-        A robot without winches, and as for `Cable`.
+        A robot without winches, and as for `PulledCable`.
     """
 
     name = "zero"
@@ -252,7 +139,7 @@ class Zeroing:
         self.settings = ZeroSettings() if settings is None else settings
         if not model.nu:
             raise InputError("zero", "a robot with winches", "one without motors")
-        self._cables = [Cable(model, k, self.settings) for k in range(model.nu)]
+        self._cables = [PulledCable(model, k, self.settings.pull) for k in range(model.nu)]
         winches, reach = Winches(model), self.settings.reach
         rest = np.array([cable.rest for cable in self._cables]) - winches.offset
         self._slack = np.minimum(rest + reach, winches.upper)
@@ -260,7 +147,7 @@ class Zeroing:
         self.u = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
         self._readings = np.full(sum(s.kind.size for s in model.robot.sensors), np.nan)
         self._new, self.zeros = self._readings, list[CableZero]()
-        self._q, self._period = model.q0, 0.005
+        self._q, self._period = model.q0, PERIOD
         self._steps: Commands | None = None
         self.asked = self._slack
         span = float(np.max(self._slack - self._least)) + BACK
@@ -320,7 +207,7 @@ class Zeroing:
             yield from self._to(cable, c, float(self._slack[cable.k]))
             self.zeros.append(self._judged(cable, sweeps))
 
-    def _to(self, cable: Cable, c: float, end: float) -> Commands:
+    def _to(self, cable: PulledCable, c: float, end: float) -> Commands:
         """Wind up or pay out from one command to another."""
         step = APPROACH * self.settings.speed * self._period
         while c != end:
@@ -328,7 +215,7 @@ class Zeroing:
             yield self._with(cable, c)
             self._check_others(cable)
 
-    def _approach(self, cable: Cable) -> Generator[np.ndarray, None, float]:
+    def _approach(self, cable: PulledCable) -> Generator[np.ndarray, None, float]:
         """Wind up a slack cable until it is taut; return the command."""
         begin, least = float(self._slack[cable.k]), float(self._least[cable.k])
         c, step = begin, APPROACH * self.settings.speed * self._period
@@ -336,12 +223,14 @@ class Zeroing:
             c -= step
             if c < least:
                 text = f"it does not tighten from {begin:.4g} to {least:.4g} m"
-                raise self._refusal(cable, f"{text}: it is slack or cut, or its winch jams")
+                raise cable.refusal(f"{text}: it is slack or cut, or its winch jams")
             yield self._with(cable, c)
             self._check_others(cable)
         return c
 
-    def _wind(self, cable: Cable, c: float, sweep: _Sweep) -> Generator[np.ndarray, None, float]:
+    def _wind(
+        self, cable: PulledCable, c: float, sweep: _Sweep
+    ) -> Generator[np.ndarray, None, float]:
         """Wind up until the tension is that of a pull; return the command."""
         begin, step = c, self.settings.speed * self._period
         while (tension := self._tension(cable)) < cable.pull:
@@ -349,13 +238,15 @@ class Zeroing:
             if begin - c > TRAVEL * cable.travel + MORE + BACK:
                 text = f"its tension stays at {tension:.3g} N while it is wound up"
                 text = f"{text} by {1e3 * (begin - c):.0f} mm: it is cut, or it jams"
-                raise self._refusal(cable, text)
+                raise cable.refusal(text)
             yield self._with(cable, c)
             self._note(cable, c, sweep)
             self._check_others(cable)
         return c
 
-    def _pay_out(self, cable: Cable, c: float, sweep: _Sweep) -> Generator[np.ndarray, None, float]:
+    def _pay_out(
+        self, cable: PulledCable, c: float, sweep: _Sweep
+    ) -> Generator[np.ndarray, None, float]:
         """Pay out until the cable is slack; return the command."""
         step, begin = self.settings.speed * self._period, c
         end = min(c + TRAVEL * cable.travel + MORE, float(self._slack[cable.k]))
@@ -370,25 +261,25 @@ class Zeroing:
             self._check_others(cable)
         if np.isnan(slack):
             text = f"its tension stays at {self._tension(cable):.3g} N while it is paid out"
-            raise self._refusal(cable, f"{text} by {1e3 * (c - begin):.0f} mm: it jams")
+            raise cable.refusal(f"{text} by {1e3 * (c - begin):.0f} mm: it jams")
         return c
 
-    def _with(self, cable: Cable, c: float) -> np.ndarray:
+    def _with(self, cable: PulledCable, c: float) -> np.ndarray:
         """The commands that leave all cables slack but one."""
         found = self._slack.copy()
         found[cable.k] = c
         return found
 
-    def _tension(self, cable: Cable) -> float:
+    def _tension(self, cable: PulledCable) -> float:
         return float(self._readings[cable.load] - self._tare[cable.load])
 
-    def _note(self, cable: Cable, c: float, sweep: _Sweep) -> None:
+    def _note(self, cable: PulledCable, c: float, sweep: _Sweep) -> None:
         """Add the readings, if the tension is new. They are of the command before."""
         if not np.isnan(self._new[cable.load]):
             encoders = (self._new[row] for row in cable.encoders.values())
             sweep.rows.append([c, self._new[cable.load], *encoders])
 
-    def _check_others(self, pulled: Cable | None) -> None:
+    def _check_others(self, pulled: PulledCable | None) -> None:
         """Refuse a cable that is tight although it is paid out."""
         for cable in self._cables:
             bias = self._tare[cable.load] if pulled else self._expected(cable)
@@ -397,49 +288,32 @@ class Zeroing:
                 at = f"{self._slack[cable.k]:.4g} m"
                 text = f"it is tight ({tension:.3g} N) although it is paid out to {at}"
                 text = f"{text}: it jams, its zero is farther away"
-                raise self._refusal(cable, f"{text}, or its sensor's bias is not that of the file")
+                raise cable.refusal(f"{text}, or its sensor's bias is not that of the file")
 
-    def _expected(self, cable: Cable) -> float:
+    def _expected(self, cable: PulledCable) -> float:
         """The reading (N) of a slack cable's tension."""
         state = self._model.state(self._q, np.zeros(self._model.nv))
         return float(np.asarray(self._model.measure(state, self.u))[cable.load])
 
-    def _refusal(self, cable: Cable, text: str) -> Stop:
-        return Stop(StopCause.CABLE, f"cable of {cable.name!r}: {text}")
-
-    def _judged(self, cable: Cable, sweeps: list[_Sweep]) -> CableZero:
+    def _judged(self, cable: PulledCable, sweeps: list[_Sweep]) -> CableZero:
         """The zero from all pulls of a cable."""
         found: list[list[float]] = [[], []]
         biases: list[list[float]] = []
         for sweep in sweeps:
             rows = np.array(sweep.rows)
-            if len(rows) < FEWEST:
-                raise self._refusal(cable, f"{len(rows)} readings of its tension in a pull")
             offset = cable.fit(rows[:, :2])
             found[sweep.winding].append(offset)
-            biases.append(self._biases(cable, rows, offset))
+            biases.append(cable.biases(rows, offset))
         spread = max(float(np.ptp(values)) for values in found)
         if spread > SPREAD:
             text = f"its zero scatters by {1e3 * spread:.2f} mm, more than {1e3 * SPREAD:g} mm"
-            raise self._refusal(cable, text)
+            raise cable.refusal(text)
         out, winding = (float(np.mean(values)) for values in found)
         means = np.mean(biases, axis=0).tolist()
         return CableZero(
             cable.name, 0.5 * (out + winding), spread, out - winding,
             dict(zip(cable.encoders, means, strict=True)),
         )  # fmt: skip
-
-    def _biases(self, cable: Cable, rows: np.ndarray, offset: float) -> list[float]:
-        """The bias (m) of each encoder, from the taut readings of a sweep."""
-        free, found = rows[:, 0] + offset, []
-        tension = cable.tension(free)
-        for column in rows.T[2:]:
-            used = (tension > 0) & ~np.isnan(column)
-            if used.sum() < FEWEST:
-                raise self._refusal(cable, f"{used.sum()} readings of an encoder in a pull")
-            error = column[used] - cable.length(free[used])
-            found.append(float(np.polyfit(tension[used], error, 1)[1]))
-        return found
 
     # -- what is written -------------------------------------------------------------------------
 
@@ -495,23 +369,10 @@ def zero_drive(
     """
     zeroing = Zeroing(model, settings)
     limits = replace(options.pop("limits", None) or RigLimits(), ramp=0.0)
-    options = {"period": 0.005, "name": Zeroing.name} | options
-    duration = max(zeroing.longest, 2 * options["period"])
+    more: dict[str, Any] = {"period": PERIOD, "name": Zeroing.name} | options
+    duration = max(zeroing.longest, 2 * more["period"])
     drive = Drive(
         model, zeroing, nowhere, driver, zeroing, duration=duration, limits=limits,
-        hold=zeroing.commands, **options,
+        hold=zeroing.commands, **more,
     )  # fmt: skip
     return drive, zeroing
-
-
-def _rows(sensors: tuple[Sensor, ...]) -> list[tuple[str, int]]:
-    """The first component of each sensor among the readings."""
-    ends = np.cumsum([0, *(sensor.kind.size for sensor in sensors)]).tolist()
-    return [(sensor.name, row) for sensor, row in zip(sensors, ends, strict=False)]
-
-
-def _extended(x: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.ndarray:
-    """Linear interpolation; below the first point along the first line, constant above the last."""
-    slope = (ys[1] - ys[0]) / (xs[1] - xs[0])
-    found: np.ndarray = np.interp(x, xs, ys) + slope * np.minimum(x - xs[0], 0.0)
-    return found

@@ -188,7 +188,7 @@ def test_a_zero_that_scatters_is_refused_by_name(model):
          "<sensor type=\"tension\"> on tendon 'below'"),
         (("", ""), {"pull": 40.0}, "pull: expected 0.6 N"),
         (("", ""), {"reach": 0.0}, "reach"),
-        (("", ""), {"repeats": 0}, "repeats"),
+        (("", ""), {"repeats": 1}, "repeats: expected"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_zeroed(change, settings, said):
@@ -216,17 +216,8 @@ def folder(tmp_path, monkeypatch):
     return served
 
 
-WORDS = (
-    "drive",
-    "arm.urdf",
-    "--zero",
-    "--driver",
-    "near.py:NearDriver",
-    "--repeats",
-    "1",
-    "--reach",
-    "0.03",
-)
+ZERO = "drive arm.urdf --zero --driver near.py:NearDriver --repeats 2 --reach 0.03"
+WORDS = ZERO.split()
 
 
 def test_the_command_writes_the_zeros(folder):
