@@ -26,7 +26,7 @@ from softdyn.validation.bench.fail_safe import Stop, StopCause
 SHARE = 0.05  # of the largest tension that a motor may give, for a pull
 DEVIATIONS = 6.0  # of a tension sensor's noise, at which a cable counts as taut
 TAUT = 0.02  # of a pull, the least tension of a taut cable
-PULL = 20.0  # of these deviations, the least pull
+PULL = 12.0  # of these deviations, the least pull
 TENSIONS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0)  # of a pull, in the model's curve
 FEWEST = 20  # readings of a fit
 

@@ -33,6 +33,7 @@ MORE = 5e-3  # m beyond three times the model's travel, in which the tension mus
 TRAVEL = 3.0
 PERIOD = 0.005  # s
 SETTLING = 1.0  # s after all cables are paid out
+SMOOTH = 0.05  # s, time constant of the tensions that decide when a pull ends
 
 Commands = Generator[np.ndarray, None, None]
 
@@ -150,9 +151,9 @@ class Zeroing:
         self._q, self._period = model.q0, PERIOD
         self._steps: Commands | None = None
         self.asked = self._slack
-        span = float(np.max(self._slack - self._least)) + BACK
-        pulls = 2 * self.settings.repeats + 2
-        self.longest = 2 * SETTLING + model.nu * pulls * span / self.settings.speed
+        sweeps = (2 * self.settings.repeats + 1) * np.array([_most(c) for c in self._cables])
+        ways = 2 * (self._slack - self._least + BACK) / APPROACH
+        self.longest = 2 * SETTLING + float(np.sum(ways + sweeps)) / self.settings.speed
 
     # -- what a `Drive` calls --------------------------------------------------------------------
 
@@ -164,7 +165,11 @@ class Zeroing:
     def step(self, t: float, measurements: np.ndarray, u: np.ndarray) -> SimpleNamespace:
         """Take the new readings (k,); the estimate is the pose at rest."""
         self._new = np.asarray(measurements, float)
-        self._readings = np.where(np.isnan(self._new), self._readings, self._new)
+        share = 1.0 - np.exp(-self._period / SMOOTH)
+        smooth = self._readings + share * (self._new - self._readings)
+        begun = ~np.isnan(self._readings)
+        found = np.where(begun, smooth, self._new)
+        self._readings = np.where(np.isnan(self._new), self._readings, found)
         return SimpleNamespace(q=self._q, v=np.zeros(self._model.nv))
 
     def __call__(self, state: Any, reference: Any) -> Zeroing:
@@ -235,7 +240,7 @@ class Zeroing:
         begin, step = c, self.settings.speed * self._period
         while (tension := self._tension(cable)) < cable.pull:
             c -= step
-            if begin - c > TRAVEL * cable.travel + MORE + BACK:
+            if begin - c > _most(cable):
                 text = f"its tension stays at {tension:.3g} N while it is wound up"
                 text = f"{text} by {1e3 * (begin - c):.0f} mm: it is cut, or it jams"
                 raise cable.refusal(text)
@@ -249,12 +254,12 @@ class Zeroing:
     ) -> Generator[np.ndarray, None, float]:
         """Pay out until the cable is slack; return the command."""
         step, begin = self.settings.speed * self._period, c
-        end = min(c + TRAVEL * cable.travel + MORE, float(self._slack[cable.k]))
+        end = min(c + _most(cable), float(self._slack[cable.k]))
         slack = np.nan
         while c < end:
             if self._tension(cable) <= cable.taut and np.isnan(slack):
                 slack = c
-                end = min(end, c + BACK)
+                end = min(end, c + cable.travel + BACK)
             c = min(c + step, end)
             yield self._with(cable, c)
             self._note(cable, c, sweep)
@@ -376,3 +381,8 @@ def zero_drive(
         hold=zeroing.commands, **more,
     )  # fmt: skip
     return drive, zeroing
+
+
+def _most(cable: PulledCable) -> float:
+    """The way (m) of the command within which a pull must end."""
+    return TRAVEL * cable.travel + MORE + BACK

@@ -186,7 +186,7 @@ def test_a_zero_that_scatters_is_refused_by_name(model):
          "command=\"length\" of 'flexor'"),
         (('<sensor name="pull" type="tension" tendon="below" noise="0.03"/>', ""), {},
          "<sensor type=\"tension\"> on tendon 'below'"),
-        (("", ""), {"pull": 40.0}, "pull: expected 0.6 N"),
+        (("", ""), {"pull": 40.0}, "pull: expected 0.36 N"),
         (("", ""), {"reach": 0.0}, "reach"),
         (("", ""), {"repeats": 1}, "repeats: expected"),
     ],
