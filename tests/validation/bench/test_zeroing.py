@@ -99,11 +99,16 @@ def test_the_written_file_is_driven_as_the_rig_without_offsets(model, measured):
     new = softdyn.build(parse_text(write(found.robot(model.robot)), path=Path("new.urdf")))
     target = SetPoint(model.state(np.array([0.25, 0.3]), np.zeros(2)).y)
     tips, ends = [], []
-    for known, true in ((new, built(OFFSETS, BIASES)), (model, model), (model, built(OFFSETS))):
+    usual, never = RigLimits().lost, 9.0
+    for known, true, lost in (
+        (new, built(OFFSETS, BIASES), usual),
+        (model, model, usual),
+        (model, built(OFFSETS), never),
+    ):
         rig = tower(true)
         run = Drive(
             known, best(known), target, NearDriver(known), period=PERIOD, duration=1.0,
-            watchdog=False, source=rig.hands.source, limits=RigLimits(lost=9.0),
+            watchdog=False, source=rig.hands.source, limits=RigLimits(lost=lost),
         )  # fmt: skip
         done = run.run(on_step=lambda _, rig=rig: tips.append(rig.rig.state()["tip"]))
         assert done.cause is StopCause.END, done.reason
