@@ -31,6 +31,7 @@ import numpy as np
 from softdyn.checks import number
 from softdyn.description.rig import LONGEST_DELAY, Sensor, SensorKind
 from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.winches import Winches
 from softdyn.estimation.covariance import kept_rows
 from softdyn.sensing import Sensors
 
@@ -107,16 +108,18 @@ class SensorChannel:
         return new
 
     def expect(
-        self, q: np.ndarray, v: np.ndarray, u: np.ndarray, P: np.ndarray
-    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
+        self, q: np.ndarray, v: np.ndarray, u: np.ndarray, P: np.ndarray,
+        winches: Winches | None = None,
+    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:  # fmt: skip
         """The readings with their Jacobian at (q, v, u), their known errors and variances.
 
-        They have the nonlinear parts of `second_order` for P (s, s).
+        They have the nonlinear parts of `second_order` for P (s, s). With `winches` u are their
+        commands.
         """
-        predicted = self.sensors.predict(q, v, u)
+        predicted = self.sensors.predict(q, v, u, winches)
         if self.linear or sharp(predicted[1], P, self.variance):
             return predicted, self.bias, self.variance
-        shift, variance = second_order(self.sensors, (q, v, u), P, self.variance)
+        shift, variance = second_order(self.sensors, (q, v, u, winches), P, self.variance)
         return predicted, self.bias + shift, variance
 
     def errors(self, predicted: np.ndarray, given: np.ndarray) -> np.ndarray:
@@ -316,7 +319,7 @@ def sensor_channels(model: SoftModel, sensors: tuple[Sensor, ...]) -> list[Senso
 
 def second_order(
     sensors: Sensors,
-    state: tuple[np.ndarray, np.ndarray, np.ndarray],
+    state: tuple[np.ndarray, np.ndarray, np.ndarray, Winches | None],
     P: np.ndarray,
     variance: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -326,8 +329,8 @@ def second_order(
     ----------
     sensors : Sensors
         They evaluate the readings.
-    state : (ndarray, ndarray, ndarray)
-        q (nq,), v (nv,) and u (nu,).
+    state : (ndarray, ndarray, ndarray, Winches or None)
+        The arguments of `Sensors.predict`.
     P : ndarray, (s, s)
         Covariance of the errors, those of q first.
     variance : ndarray, (k,)

@@ -144,8 +144,9 @@ class Drive:
     watchdog : bool
         Whether a process of its own relaxes the rig if this one dies or blocks. It *kills* this
         process if it gives no sign of life for 100 ms or two periods.
-    hold : array_like, (nu,), optional
-        Constant commands in the file's units, sent instead of the controller's.
+    hold : array_like, (nu,), or Callable[[], ndarray], optional
+        Commands in the file's units, sent instead of the controller's: constant, or those of each
+        period.
     log_to : str or Path, optional
         A file; if the watchdog has to act, it writes the log up to there.
     source : TimeSource
@@ -191,7 +192,7 @@ class Drive:
         if not model.robot.sensors:
             raise InputError("model", "a file with <sensor> elements, which a rig reads", "none")
         safe = self._safe = FailSafe(model, self.limits, period)
-        if hold is not None:
+        if hold is not None and not callable(hold):
             hold = array("hold", hold, (model.nu,))
         self._rig = RealRig(model, driver, safe, period, controller, hold, source)
         inner = Ekf(model) if observer is None else observer
