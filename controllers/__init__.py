@@ -9,7 +9,7 @@ Modules; numbers in brackets are the paper's equations, in their order of appear
 - `id_clf_qp`: ID-CLF-QP, its hard ancestor, with the whole dynamics (1) as the constraint;
 - `impedance`: IC (14 to 16) and UIC (17 to 20), in closed form; `impedance_qp`: IC-QP (21, 22);
 - `qps`: the QPs and their parts, among them the Lyapunov function (6 to 10);
-- `gains`: the controllers' parameters, with the paper's table;
+- `gains`: the controllers' parameters, with the paper's table; `proposed_gains`: for any robot;
 - `barriers`: limits and `softdyn.safety.obstacles` for `SoftIdClfQp`;
 - `safety_filter`: barriers for any other controller;
 - `mpc`: predictive control, whose parts are in `predictive`;

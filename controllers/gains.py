@@ -130,7 +130,7 @@ def from_table(
         return replace(published, **table)
     if "Kp" not in table:
         robot = f"{model.robot.path}, which has no published gains"
-        expected = f"a value of Kp (--gains FILE) for {robot}"
+        expected = f"a value of Kp (--gains FILE; softdyn check --gains proposes one) for {robot}"
         raise InputError("gains", expected, ", ".join(table) or "nothing")
     return Gains(**table)
 
@@ -157,8 +157,9 @@ def resolve(model: SoftModel, controller: str, gains: Gains | None) -> Gains:
             file = one_line(model.robot.path, 1000)
             raise InputError(
                 "gains", f"Gains(Kp=…) for {file}", None,
-                f"This controller needs gains for {file}: pass --gains FILE (in Python "
-                "Gains(Kp=…)), or use best, which needs none.",
+                f"This controller needs gains for {file}: pass --gains FILE, which `softdyn check "
+                f"{file} --gains > FILE` writes (in Python Gains(Kp=…)), or use best, which needs "
+                "none.",
             )  # fmt: skip
         return table[controller]
     if not isinstance(gains, Gains):

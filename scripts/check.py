@@ -17,6 +17,10 @@ joints at either limit, and --samples random ones. A mimic joint counts with its
 base (--floating) is held at its pose in the file. Elements of other tools that are ignored are
 listed.
 
+--gains prints instead gains of the paper's controllers for this robot, as TOML for `softdyn run
+--gains FILE`. They are for soft-id-clf-qp with the control period of --period, from the robot's
+motion near a few equilibria; a comment tells why. docs/your_robot.md shows an example.
+
 exit codes: 0 no number looks wrong; 1 some numbers look wrong; 2 bad input.
 """
 
@@ -24,8 +28,11 @@ exit codes: 0 no number looks wrong; 1 some numbers look wrong; 2 bad input.
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
 parser.option("--samples", cli.count, "N", "random poses", 100)
+parser.add_argument("--gains", action="store_true", help="propose gains, as TOML")
+parser.option("--period", cli.positive, "S", "control period of the gains in s", 0.002)
 cli.add_robot_options(parser)
 cli.add_json(parser)
+parser.unused("--period", lambda a: not a.gains, "only --gains has a control period")
 
 
 def command(arguments: cli.Arguments) -> int:
@@ -38,6 +45,12 @@ def command(arguments: cli.Arguments) -> int:
         warnings.simplefilter("ignore")  # the report contains them
         model = cli.load_robot(arguments)
     cli.warn_of_no_use(model.robot, arguments)
+    if arguments.gains:
+        from softdyn.controllers.proposed_gains import propose
+
+        proposed = propose(model, arguments.period)
+        cli.write_report(proposed.to_dict(), arguments.json, proposed.toml())
+        return cli.PASSED
     found = diagnose(model, arguments.samples)
     cli.write_report(found.to_dict(), arguments.json, str(found))
     return cli.FAILED if found.doubts else cli.PASSED

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from softdyn import SoftModel
     from softdyn.description.visuals import Visual
     from softdyn.safety import Surroundings
+    from softdyn.statics import Equilibrium
     from softdyn.validation import Log
     from softdyn.validation.live.watching import ViewerCost
     from softdyn.validation.loop.closed_loop import ClosedLoop
@@ -182,7 +183,9 @@ def command(arguments: cli.Arguments) -> int:
     report = log.report(arguments.tolerance)
     if log.complete and not report["reached"] and not arguments.no_verdict:
         if log.tasks is None:
-            line, report["nearest_rest_cm"] = nearest_rest(model, log, arguments.tolerance)
+            line, report["nearest_rest_cm"] = nearest_rest(
+                model, log, arguments.tolerance, controller
+            )
         else:
             line, report["nearest_rest"] = nearest_to_tasks(loop, log, arguments.tolerance)
         text = f"{text}\n{line}".rstrip()
@@ -248,8 +251,13 @@ def unmodelled(observer: Any) -> tuple[str, float | None]:
     return line, found
 
 
-def nearest_rest(model: SoftModel, log: Log, tolerance: float | None) -> tuple[str, float | None]:
-    """The equilibrium nearest to a set point that was not reached: a line, its distance (cm)."""
+def nearest_rest(
+    model: SoftModel, log: Log, tolerance: float | None, controller: Any = None
+) -> tuple[str, float | None]:
+    """The equilibrium nearest to a set point that was not reached: its line and distance (cm).
+
+    A second line says which gains of the paper's controllers to change.
+    """
     import numpy as np
 
     from softdyn import SoftdynError, statics
@@ -263,11 +271,26 @@ def nearest_rest(model: SoftModel, log: Log, tolerance: float | None) -> tuple[s
     away = found.distance(found.nearest)
     within = away <= log.verdict(tolerance).tolerance
     reach = "it is within reach" if within else "it may be out of reach"
-    return (
+    line = (
         f"softdyn statics: the nearest equilibrium found in {PATIENCE:g} s is {100 * away:.3f} cm "
-        f"from the target: {reach}",
-        100 * away,
+        f"from the target: {reach}"
     )
+    if within and model.bundled is None:
+        line += about_gains(found.nearest, controller, log.period)
+    return line, 100 * away
+
+
+def about_gains(one: Equilibrium, controller: Any, period: float) -> str:
+    """A line about the gains of a controller of the paper; empty for any other."""
+    from softdyn.controllers import CONTROLLERS, SoftIdClfQp
+    from softdyn.controllers.proposed_gains import advice
+
+    if getattr(controller, "name", "") not in CONTROLLERS:
+        return ""
+    line = f"softdyn check {one.model.robot.path} --gains --period {period:g} proposes gains"
+    if isinstance(controller, SoftIdClfQp):
+        line = f"{advice(one, controller.gains, period)}; {line}"
+    return f"\ngains: {line}"
 
 
 def nearest_to_tasks(

@@ -43,7 +43,8 @@ def commands(code: str) -> list[list[str]]:
     """The lines that call softdyn: the command's name and its arguments."""
     found = []
     for line in code.splitlines():
-        words = shlex.split(line.removeprefix("$ ").partition("||")[0], comments=True)
+        called = line.removeprefix("$ ").partition("||")[0].partition(" > ")[0]
+        words = shlex.split(called, comments=True)
         if words[:1] == ["softdyn"] and len(words) > 1:
             found.append(words[1:])
         elif words[:1] == ["python"] and words[1].startswith("scripts/"):
@@ -64,13 +65,16 @@ def follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Follow:
     monkeypatch.setenv("MPLBACKEND", "Agg")
 
     def shell(line: str) -> str:
-        words, otherwise = (shlex.split(part) for part in line.partition("||")[::2])
+        called, _, file = line.partition(" > ")
+        words, otherwise = (shlex.split(part) for part in called.partition("||")[::2])
         if words[0] != "softdyn":
             done = subprocess.run(["bash", "-c", line], text=True, capture_output=True, check=True)
             return done.stdout + done.stderr
         code, out, err = command(*words[1:])
         assert code == 0 or otherwise, f"{line}\n{out}{err}"
         told = otherwise[1].replace("$?", str(code)) + "\n" if code else ""
+        if file:
+            (tmp_path / file).write_text(out, encoding="utf-8")
         return out + err + told
 
     def python(code: str, page: Path, session: dict[str, object]) -> str:
@@ -155,7 +159,8 @@ def test_the_first_minutes(follow: Follow, tmp_path: Path) -> None:
 def test_your_own_robot(follow: Follow, tmp_path: Path) -> None:
     page = ROOT / "docs/your_robot.md"
     output = follow(page)
-    checked = said(output, "softdyn check tentacle.urdf")
+    checked = output["softdyn check tentacle.urdf"]
+    assert re.search(r"reached: .* from 12.649 to 0.1", said(output, "soft-id-clf-qp"))
     for quoted in re.findall(r"\*`([^`]+)`\*", page.read_text(encoding="utf-8")):
         assert quoted in checked
     assert checked.endswith("nothing looks wrong\n")

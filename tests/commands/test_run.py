@@ -5,10 +5,13 @@ import math
 import re
 import subprocess
 import sys
+import tomllib
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
+from softdyn.controllers import Gains
 from softdyn.validation import Log, paper, simulate
 from tests.support import PATIENCE, ROOT, SCRIPTS
 from tests.support.command import command, of_itself
@@ -663,3 +666,17 @@ def test_targets_of_the_files_tasks(tmp_path):
     # the straight finger, 24 cm long, points at a target in its plane
     assert 18.3 < nearest["tip"]["error"] < 25
     assert 0 <= nearest["way"]["error"] < 46
+
+
+def test_gains_are_proposed_and_a_run_that_misses_says_which_to_change(call, folder):
+    code, out, _ = command("check", "arm.urdf", "--gains", "--period", 0.004)
+    assert code == 0
+    (folder / "proposed.toml").write_text(out)
+    goal = ("--target", 0.12, 0, "-0.16", "--period", 0.004, "--duration", 1, "--gains")
+    table = tomllib.loads(out)
+    assert set(table) == {field.name for field in fields(Gains)}
+    code, _, err = call("arm.urdf", "soft-id-clf-qp", "--theta", 0)
+    assert (code, "softdyn check" in err, "--gains > FILE" in err) == (2, True, True)
+    (folder / "fast.toml").write_text("Kp = 90000\nw3 = 1e9\nrho = 1e-9\n")
+    _, out, _ = call("arm.urdf", "soft-id-clf-qp", *goal, "fast.toml", "--tolerance", 1e-5)
+    assert "gains: Kp = 90000 is too large for a period of 0.004 s; softdyn check" in out

@@ -10,7 +10,8 @@ from softdyn.commands import cli
 PROGRAMS = (
     "fuzz", "robots", "pairs", "planted", "textbook", "reproduce", "certify",
     "closed_forms", "peer", "field", "identification.second_opinion", "twins",
-    "step_time", "hostile", "throughput", "observer_time", "live_time", "compare_steps", "scaling",
+    "step_time", "hostile", "throughput", "observer_time", "loop_time", "live_time",
+    "compare_steps", "scaling",
     "poses", "scenes", "obstacle", "estimates.forces", "tables", "pictures",
     "weights", "wraps",
 )  # fmt: skip

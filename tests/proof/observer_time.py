@@ -35,6 +35,7 @@ have their own columns.
 
 exit codes: 0 done; 2 bad input; 130 interrupted.
 """
+SENSORS = "lengths=0.0005@1000,tip=0.001@60+0.03"
 COLUMNS = (
     ("Robot", "robot", ""),
     ("n", "n", "d"),
@@ -52,7 +53,7 @@ COLUMNS = (
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("--robots", nargs="+", default=ROBOTS, metavar="ROBOT")
 parser.option("--observer", str, "WHICH", "names, or FILE.py:CLASS", "")
-parser.option("--sensors", str, "WHICH", "file, or a list", "lengths=0.0005@1000,tip=0.001@60+0.03")
+parser.option("--sensors", str, "WHICH", "file, or a list", SENSORS)
 parser.option("--controller", str, "CONTROLLER", "of the loops", DRIVER)
 parser.add_argument(
     "--rounds", type=cli.count, metavar="N", help="over the steps (default: 10000 samples)"

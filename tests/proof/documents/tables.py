@@ -33,12 +33,13 @@ from softdyn.validation.studies.engine.distribution import (
 )  # fmt: skip
 from softdyn.validation.studies.sweep_report import REST
 from softdyn.validation.tables import Table
-from tests.proof import poses, weights
+from tests.proof import loop_time, poses, weights
 from tests.proof.documents.reports import reports_table
 from tests.proof.documents.settings import MEASURED, changes_table, gains_table
 from tests.proof.estimates import forces
 from tests.proof.paper import one_step
 from tests.proof.safety import scenes
+from tests.proof.timing.step_report import machine_text
 from tests.support import public_reports
 
 MARKED = re.compile(
@@ -106,6 +107,14 @@ def _cells(name: str) -> dict[str, Distribution]:
 def _rows(name: str) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = read_json(MEASURED / f"{name}.json", "rows of a table")["rows"]
     return rows
+
+
+def _loop_time() -> str:
+    if not (file := MEASURED / "loop_time.json").exists():
+        return "*Not measured yet on an idle machine.*"
+    found = read_json(file, "rows of a table")
+    table = Table.of(loop_time.COLUMNS, found["rows"]).markdown()
+    return f"{machine_text(found['machine'])}\n\n{table}"
 
 
 def _title(controller: str) -> str:
@@ -385,6 +394,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "statics": _statics,
     "forces": lambda: Table.of(forces.COLUMNS, _rows("forces")).markdown(),
     "scenes": lambda: Table.of(scenes.COLUMNS, _rows("scenes")).markdown(),
+    "loop-time": _loop_time,
     "weights": lambda: Table.of(weights.COLUMNS, _rows("weights")).markdown(),
     "reports-right": lambda: reports_table(public_reports.RIGHT),
     "reports-mended": lambda: reports_table(public_reports.MENDED),
