@@ -158,20 +158,23 @@ class BarrierRows:
         seen, steps = self._seen(state), self._steps(state, M, h)
         return Rows.joined([_rows(state, seen, step, step.free) for step in steps])
 
-    def _seen(self, state: State) -> list[Seen]:
-        """The values of every barrier; states without guarantee are counted."""
-        seen = [
-            Seen(one.rate, getattr(one, "recovery", one.rate), one(state), type(one).__name__,
-                 isinstance(one, JointLimits)) for one in self._barriers
+    def _seen(self, state: State) -> Seen:
+        """The values of all barriers; a state without guarantee is counted."""
+        found = [one(state) for one in self._barriers]
+        b, _, drift, unit = (np.concatenate(same) for same in zip(*found, strict=True))
+        rate = np.concatenate([each.gradient @ state.v for each in found])
+        of = np.repeat(np.arange(len(found)), [len(each.b) for each in found])
+        kinds = [
+            (one.rate, getattr(one, "recovery", one.rate),
+             one.kept(self._model, self._period) if hasattr(one, "kept") else 0.0)
+            for one in self._barriers
         ]  # fmt: skip
-        self._count(state, seen)
-        model, period = self._model, self._period
-        for k, barrier in enumerate(self._barriers):
-            if (kept := getattr(barrier, "kept", None)) is not None:
-                found = seen[k].values  # the counts above are of the barrier itself
-                found = found._replace(b=found.b - kept(model, period))
-                seen[k] = seen[k]._replace(values=found)
-        return seen
+        alpha, beta, kept = np.array(kinds)[of].T
+        limits = [isinstance(one, JointLimits) for one in self._barriers]
+        gradients = [(each.gradient, own) for each, own in zip(found, limits, strict=True)]
+        seen = Seen(alpha, beta, b, rate, drift, unit, gradients)
+        self._count(seen, of)  # of the barriers themselves
+        return seen._replace(b=b - kept)
 
     def _steps(self, state: State, M: np.ndarray, h: np.ndarray) -> list[StoppedStep]:
         """The steps τ that have rows; in a run the last is the control period."""
@@ -180,18 +183,16 @@ class BarrierRows:
             steps.append((self._period, *self._hold(state)))
         return [StoppedStep(state, *step) for step in steps]
 
-    def _count(self, state: State, seen: Sequence[Seen]) -> None:
+    def _count(self, seen: Seen, of: np.ndarray) -> None:
         """Count a state without guarantee; warn if a run starts at one."""
-        outside = ""
-        for alpha, _, (b, G, _, unit), name, _ in seen:
-            self.violation = max(self.violation, float((-b / unit).max(initial=-np.inf)))
-            s = G @ state.v + alpha * b
-            approach = np.minimum(b, s / alpha) / unit
-            if approach.size and approach.min() < -NEGLIGIBLE:
-                worst = approach.argmin()
-                outside = outside or (
-                    f"{name}: b = {b[worst]:.3g}, db/dt + {alpha:g} b = {s[worst]:.3g}"
-                )
+        alpha, b, unit, outside = seen.alpha, seen.b, seen.unit, ""
+        self.violation = max(self.violation, float((-b / unit).max(initial=-np.inf)))
+        s = seen.rate + alpha * b
+        approach = np.minimum(b, s / alpha) / unit
+        if approach.min(initial=0.0) < -NEGLIGIBLE:
+            k = approach.argmin()
+            name = type(self._barriers[of[k]]).__name__
+            outside = f"{name}: b = {b[k]:.3g}, db/dt + {alpha[k]:g} b = {s[k]:.3g}"
         self.outside += bool(outside)
         if outside and not self._begun:
             text = f"the run starts outside the safe set ({outside}; both should be >= 0)"
@@ -212,7 +213,7 @@ class BarrierRows:
         The first unknowns of `problem` are u. Stops count in runs only.
         """
         seen = self._seen(state)
-        if solution is None or not solution.solved:
+        if solution is None or not solution.solved or not len(seen.alpha):
             return solution
         steps, nu, stopped = self._steps(state, M, h), state.B.shape[1], self._hold is not None
         rows_of = partial(_rows, state, seen, leap=self._leap, period=self._period)
@@ -233,18 +234,30 @@ class BarrierRows:
 
 
 class Seen(NamedTuple):
-    """The rates α, β and the values of a barrier, its class, and whether it is one of limits."""
+    """Values of all barriers at a state, those of one after those of another.
 
-    alpha: float
-    beta: float
-    values: Values
-    name: str
-    limits: bool
+    Attributes
+    ----------
+    alpha, beta : ndarray, (p,)
+        α and β (1/s).
+    b, rate, drift, unit : ndarray, (p,)
+        b, ḃ, r and the unit, see `Values`.
+    gradients : list of (ndarray, bool)
+        The gradients of each barrier, and whether it is one of limits of joints.
+    """
+
+    alpha: np.ndarray
+    beta: np.ndarray
+    b: np.ndarray
+    rate: np.ndarray
+    drift: np.ndarray
+    unit: np.ndarray
+    gradients: list[tuple[np.ndarray, bool]]
 
 
 def _rows(
     state: State,
-    seen: Sequence[Seen],
+    seen: Seen,
     step: StoppedStep,
     mode: np.ndarray,
     *,
@@ -258,21 +271,21 @@ def _rows(
     s > 0. Limits of joints keep them from their stops, so their rows are those of free joints. Over
     a period no joint moves by more than `leap` (n,), or faster than it does.
     """
-    parts, tau, inverse = [], step.tau, step.response(mode)
+    tau, inverse = step.tau, step.response(mode)
+    alpha, beta, b, v, drift, unit, gradients = seen
+    share, both = 1 / ((1 + alpha * tau) * (1 + beta * tau)), alpha * beta
+    affordable = share * ((alpha + beta + both * tau) * v + both * b)
+    unit = share * both * unit
+    if braking:
+        late, reach = v + alpha * b > 0, alpha / (tau * (1 + alpha * tau))
+        affordable = np.where(late, v / tau + reach * b, affordable)
+        unit = np.where(late, reach / (share * both) * unit, unit)
     free = step.response(step.free)
-    for alpha, beta, (b, G, drift, unit), _, limits in seen:
-        share = 1 / ((1 + alpha * tau) * (1 + beta * tau))
-        both, v = alpha * beta, G @ state.v
-        affordable = share * ((alpha + beta + both * tau) * v + both * b)
-        unit = share * both * unit
-        if braking:
-            late, reach = v + alpha * b > 0, alpha / (tau * (1 + alpha * tau))
-            affordable = np.where(late, v / tau + reach * b, affordable)
-            unit = np.where(late, reach / (share * both) * unit, unit)
-        response = G @ (free if limits else inverse)
-        parts.append(Rows(-response[:, :-1], affordable + drift - response[:, -1], unit))
-    if leap is not None and tau == period and any(len(part.upper) for part in parts):
-        bound = np.maximum(leap, tau * np.abs(state.v))
-        way, moved = tau * (state.v - tau * inverse[:, -1]), tau**2 * inverse[:, :-1]
-        parts += [Rows(moved, bound - way, leap / LEAP), Rows(-moved, bound + way, leap / LEAP)]
-    return Rows.joined(parts)
+    response = np.concatenate([G @ (free if limits else inverse) for G, limits in gradients])
+    rows = Rows(-response[:, :-1], affordable + drift - response[:, -1], unit)
+    if leap is None or tau != period or not len(b):
+        return rows
+    bound = np.maximum(leap, tau * np.abs(state.v))
+    way, moved = tau * (state.v - tau * inverse[:, -1]), tau**2 * inverse[:, :-1]
+    sides = Rows(moved, bound - way, leap / LEAP), Rows(-moved, bound + way, leap / LEAP)
+    return Rows.joined([rows, *sides])

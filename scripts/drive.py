@@ -35,6 +35,11 @@ innovations of the estimate over --lost seconds are beyond the 1 - 1e-6 quantile
 the program itself is killed or blocks for 100 ms, another process kills it and relaxes the rig by a
 second driver; it writes the log up to there.
 
+--zero measures the zeros of the rig instead, and writes them to --out: the offset of each winch and
+the bias of each encoder. It winds up one cable after the other until its tension rises, and pays it
+out again; every cable needs a sensor of its tension. A cable that does not tighten within --reach,
+that jams, or with a zero that scatters stops it, and no file is written.
+
 --serve simulates the rig of the file in real time on 127.0.0.1 and prints its port. Its driver is
 docs/examples/served_rig.py:ServedRig. Its docstring shows how to let readings fail.
 
@@ -57,6 +62,7 @@ goal.add_argument(
 )
 goal.add_argument("--targets", metavar="FILE", help="paths of the tasks in the file, a CSV file")
 goal.add_argument("--hold", type=cli.finite, nargs="+", metavar="C", help="constant commands")
+goal.add_argument("--zero", action="store_true", help="measure offsets and biases instead")
 goal.add_argument("--serve", action="store_true", help="simulate the rig instead, in real time")
 parser.add_argument(
     "--observer", metavar="WHICH", default="", help="disturbances, or FILE.py:CLASS"
@@ -75,6 +81,14 @@ parser.add_argument("--tolerance", type=cli.positive, metavar="M", help="toleran
 parser.add_argument("--no-verdict", action="store_true", help="exit with 0 unless the run failed")
 parser.output("--log", "FILE", "write the run as NPZ, or as CSV where FILE ends in .csv")
 parser.output("--html", "FILE", "write the run as a page that replays it")
+parser.option("--repeats", cli.count, "N", "--zero: number of pulls of each cable", 3)
+parser.option("--reach", cli.positive, "M", "--zero: largest distance of a zero in m", 0.05)
+parser.add_argument(
+    "--pull", type=cli.positive, metavar="N",
+    help="--zero: tension of a pull in N (default: 5 %% of the motor's largest, or more if the "
+    "sensor is noisy)",
+)  # fmt: skip
+parser.output("--out", "FILE", "--zero: write the robot's file with the zeros that were found")
 parser.add_argument("--view", action="store_true", help="show the run live in the browser")
 parser.option("--seed", cli.whole, "N", "seed of the noise of --serve", 0)
 cli.add_server_options(parser)
@@ -85,13 +99,17 @@ parser.unused(
 )
 parser.unused("--seed", lambda a: not a.serve, "only --serve has noise of its own")
 
+parser.unused("--repeats --reach --pull --out", lambda a: not a.zero, "only --zero has them")
+parser.unused(
+    "--ramp --lost --duration --observer --gains --tolerance --no-verdict", lambda a: a.zero,
+    "--zero has no controller",
+)  # fmt: skip
+
 HELD = 0.005  # s, the period of a robot that is not bundled
 
 
 def command(arguments: cli.Arguments) -> int:
     """Make everything ready, run, and report."""
-    from softdyn import InputError
-
     check(arguments)
     model = cli.load_robot(arguments)
     if arguments.serve:
@@ -99,22 +117,11 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation.bench.fail_safe import RigLimits, StopCause
 
     limits = RigLimits(arguments.stale, arguments.missed, arguments.lost, arguments.ramp)
+    if arguments.zero:
+        return zero(model, arguments, limits)
     drive = hold(model, arguments, limits) if arguments.hold else make(model, arguments, limits)
-    driven = view(drive, arguments) if arguments.view else drive.run(progress=True)
+    driven, files = run(drive, arguments)
     log = driven.log
-    if driven.error is not None:
-        say_trace(driven.error)
-    if driven.cause is not StopCause.END:
-        print(f"stopped by {driven.cause.value}: {driven.reason}", file=sys.stderr)
-    files = [f for f in (arguments.html, arguments.json) if f not in (None, "-")]
-    if arguments.log is not None:
-        try:
-            cli.save_log(log, arguments.log)
-            files.insert(0, arguments.log)
-        except InputError as error:  # of a run that ended before its first step
-            print(f"warning: {error}", file=sys.stderr)
-    if arguments.html is not None:
-        log.show(model).save(arguments.html)
     report = log.report(arguments.tolerance)
     report |= {"stopped_by": driven.cause.value, "stopped": driven.reason}
     text = f"{log.summary(tolerance=arguments.tolerance)}\nstopped by     {driven.cause.value}"
@@ -124,12 +131,67 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.hold:
         text = f"{text}\n{held_text(log, model)}"
     cli.write_report(report, arguments.json, "\n".join([text, *(f"wrote {f}" for f in files)]))
-    if driven.cause is StopCause.CTRL_C:
-        return cli.INTERRUPTED
     if driven.cause is not StopCause.END:
-        return cli.FAILED
+        return stopped_code(driven)
     done = not log.failed if arguments.no_verdict or arguments.hold else report["reached"]
     return cli.PASSED if done else cli.FAILED
+
+
+def run(drive: Drive, arguments: cli.Arguments) -> tuple[DriveResult, list[str]]:
+    """Run, say what has stopped it, and write log and page; the files that are written."""
+    from softdyn import InputError
+    from softdyn.validation.bench.fail_safe import StopCause
+
+    driven = view(drive, arguments) if arguments.view else drive.run(progress=True)
+    if driven.error is not None:
+        say_trace(driven.error)
+    if driven.cause is not StopCause.END:
+        print(f"stopped by {driven.cause.value}: {driven.reason}", file=sys.stderr)
+    files = [f for f in (arguments.html, arguments.json) if f not in (None, "-")]
+    if arguments.log is not None:
+        try:
+            cli.save_log(driven.log, arguments.log)
+            files.insert(0, arguments.log)
+        except InputError as error:  # of a run that ended before its first step
+            print(f"warning: {error}", file=sys.stderr)
+    if arguments.html is not None:
+        driven.log.show(drive.loop.model).save(arguments.html)
+    return driven, files
+
+
+def stopped_code(driven: DriveResult) -> int:
+    """The exit code of a run that something has stopped."""
+    from softdyn.validation.bench.fail_safe import StopCause
+
+    return cli.INTERRUPTED if driven.cause is StopCause.CTRL_C else cli.FAILED
+
+
+def zero(model: SoftModel, arguments: cli.Arguments, limits: Any) -> int:
+    """Measure the rig's zeros, and write the robot's file with them."""
+    from dataclasses import asdict
+
+    from softdyn.description.urdf_writer import write
+    from softdyn.validation.bench.driver import make_driver
+    from softdyn.validation.bench.fail_safe import StopCause
+    from softdyn.validation.bench.zeroing import ZeroSettings, zero_drive
+    from softdyn.validation.files import write_text
+
+    settings = ZeroSettings(arguments.repeats, arguments.reach, arguments.pull)
+    drive, zeroing = zero_drive(
+        model, make_driver(arguments.driver, model), settings, limits=limits,
+        period=arguments.period or HELD, log_to=arguments.log,
+    )  # fmt: skip
+    driven, files = run(drive, arguments)
+    if driven.cause is StopCause.END:
+        write_text(arguments.out, write(zeroing.robot(model.robot)))
+        files.append(arguments.out)
+    report = {
+        "robot": model.name, "stopped_by": driven.cause.value, "stopped": driven.reason,
+        "zeros": [asdict(found) for found in zeroing.zeros],
+    }  # fmt: skip
+    lines = [zeroing.text(), f"stopped by     {driven.cause.value}"]
+    cli.write_report(report, arguments.json, "\n".join([*lines, *(f"wrote {f}" for f in files)]))
+    return cli.PASSED if driven.cause is StopCause.END else stopped_code(driven)
 
 
 def check(arguments: cli.Arguments) -> None:
@@ -142,9 +204,12 @@ def check(arguments: cli.Arguments) -> None:
         return
     if a.driver is None:
         parser.error("argument --driver: expected FILE.py:CLASS, or --serve, got neither")
-    if a.hold is not None:
+    if a.hold is not None or a.zero:
         if a.controller is not None:
-            parser.error("argument --hold: not allowed with a CONTROLLER")
+            given = "--zero" if a.zero else "--hold"
+            parser.error(f"argument {given}: not allowed with a CONTROLLER")
+        if a.zero and a.out is None:
+            parser.error("argument --out: expected a FILE for the zeros, got none")
     elif a.controller is None or all(aim is None for aim in aims):
         parser.error("expected a CONTROLLER with a target (--target, --theta …), or --hold")
     if a.ramp < 0:

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Write a robot in the other format, a URDF as MJCF or an MJCF as URDF; a log as CSV."""
+"""Write a robot in the other format, a URDF as MJCF or an MJCF as URDF; a log as CSV or MCAP."""
 
 from __future__ import annotations
 
@@ -16,19 +16,24 @@ The file's rig is written too: winches, lags, delays, slack tendons, sensors.
 --urdf writes an MJCF's tree as an annotated URDF, with its boxes, spheres, cylinders and capsules.
 Both list on stderr what the other format cannot state.
 --csv writes a saved run with a row per sample and units in the header.
+--mcap writes it for viewers such as Foxglove: poses of the links, joint states, the robot's URDF,
+and every quantity of the log. It needs the extra softdyn[mcap].
 
 exit codes: 0 written, and compared with the source: they agree; 1 they do not; 2 bad input.
 """
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument(
-    "robot", metavar="ROBOT", help="a URDF or its name; an MJCF for --urdf, a log for --csv"
+    "robot",
+    metavar="ROBOT",
+    help="a URDF or its name; an MJCF for --urdf, a log for --csv and --mcap",
 )
 output = parser.add_mutually_exclusive_group(required=True)
 output.add_argument("--mjcf", metavar="FILE", help="write MJCF")
 output.add_argument("--urdf", metavar="FILE", help="write an annotated URDF")
 output.add_argument("--csv", metavar="FILE", help="write a log as CSV")
-parser.outputs += ["mjcf", "urdf", "csv"]
+output.add_argument("--mcap", metavar="FILE", help="write a log as MCAP")
+parser.outputs += ["mjcf", "urdf", "csv", "mcap"]
 cli.add_robot_options(parser)
 parser.add_argument("--no-shapes", action="store_true", help="leave out shapes (MJCF: visual ones)")
 parser.add_argument("--contacts", action="store_true", help="MJCF: its links can touch each other")
@@ -38,8 +43,8 @@ parser.unused(
     "--urdf writes the robot as its file states it",
 )  # fmt: skip
 parser.unused(
-    "--annotations --floating --repair-inertia --contacts --no-shapes --json", lambda a: a.csv,
-    "--csv writes a log",
+    "--annotations --floating --repair-inertia --contacts --no-shapes --json",
+    lambda a: a.csv or a.mcap, "--csv and --mcap write a log",
 )  # fmt: skip
 
 
@@ -52,6 +57,11 @@ def command(arguments: cli.Arguments) -> int:
 
     if arguments.csv is not None:
         Log.load(arguments.robot).to_csv(arguments.csv)
+        return cli.PASSED
+    if arguments.mcap is not None:
+        from softdyn.validation.loop.mcap_file import save_mcap
+
+        save_mcap(arguments.mcap, cli.read_log(arguments.robot, None))
         return cli.PASSED
     if arguments.urdf is not None:
         shapes = not arguments.no_shapes

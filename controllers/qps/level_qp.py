@@ -9,6 +9,9 @@ All optima of a level have the same μ. The next level therefore has fewer unkno
 where Z spans the null space of μ's map. It needs no row for a saturated input: a bound with a
 multiplier is active at every optimum, so no w within the bounds leaves it. The one rank rule
 decides how many rows of a level, or of a task, are independent.
+
+`DenseQp` solves every level, in unknowns whose Hessian is the identity: those of the singular value
+decomposition of the level's rows. So small singular values cost no accuracy.
 """
 
 from __future__ import annotations
@@ -30,35 +33,34 @@ from softdyn.controllers.controller import (
 )
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.horizon import Horizon
-from softdyn.controllers.qps.linear_algebra import RANK_TOLERANCE, row_space
+from softdyn.controllers.qps.linear_algebra import RANK_TOLERANCE
 from softdyn.controllers.qps.qp import DenseQp, QpProblem
 from softdyn.controllers.qps.stacked_error import StackedError, TaskRows, several_levels
 from softdyn.controllers.qps.task_qp import BACKOFF, Objective, Restriction, TaskQp
 
-RIDGE = 1e-9  # of the solver's start, as a share of the level's largest row squared
-ROUNDING = 1e-12  # a multiplier below this share of its cancelling terms counts as zero
+RIDGE = 1e-6  # weight of directions without any, beside the smallest weight of the others
+REPEATS = 20  # steps of the proximal point method
 SAME = 1e-6  # a task counts as met at this share of its μ_ref, an input as at its bound
-EXACT = 1e-9  # largest violation of a scaled row that counts as rounding
+EXACT = 1e-9  # share of the largest row below which a row or singular value is rounding
 
 
-class LevelProblem(NamedTuple):
-    """min ½ xᵀHx + gᵀx + ‖F x - f‖² + ρ δ² s.t. lower ≤ G x ≤ upper, along·F x - δ ≤ bound."""
+class Level(NamedTuple):
+    """min ‖F x - f‖² + ρ δ² s.t. along·F x - δ ≤ bound, δ ≥ 0, and the bounds on u."""
 
-    H: np.ndarray  # (k, k)
-    g: np.ndarray  # (k,)
     F: np.ndarray  # (r, k)
     f: np.ndarray  # (r,)
-    G: np.ndarray  # (p, k)
-    lower: np.ndarray  # (p,)
-    upper: np.ndarray  # (p,)
     along: np.ndarray  # (r,)
     bound: float
     rho: float  # 0: no decrease condition
 
+    def beyond(self, x: np.ndarray) -> float:
+        """The δ that x needs; negative if the decrease condition holds without."""
+        return float(self.along @ (self.F @ x) - self.bound)
+
     @property
-    def row(self) -> np.ndarray:
-        """The row (k,) of the decrease condition."""
-        return self.along @ self.F
+    def largest(self) -> float:
+        """The norm of the largest row of F."""
+        return float(np.linalg.norm(self.F, axis=1).max(initial=0.0))
 
 
 class LevelQp:
@@ -124,187 +126,133 @@ class LevelQp:
         # unknowns with a unit regulariser: x = scale · x'
         size, m = len(g), self._nu
         scale = 1 / np.sqrt(np.where(np.diag(H) > 0, np.diag(H), 1.0))
-        H, g, mu_map = H * np.outer(scale, scale), g * scale, mu_map * scale
-        G, x, Z = np.diag(scale)[:m], np.zeros(size), np.eye(size)
+        square, zero = _root(H * np.outer(scale, scale), g * scale)
+        mu_map = mu_map * scale
+        x, Z = np.zeros(size), np.eye(size)
         x[:m] = np.clip(0.0, self._lower, self._upper) / scale[:m]
-        reports: list[TaskReport] = []
-        none, delta = np.zeros((0, size)), 0.0
-        for k, rows in enumerate(tip.levels):
-            bound = float(tip.bound[k] - tip.row[rows] @ mu_0[rows])
-            F, f = self._root * mu_map[rows], self._root * (tip.mu_ref[rows] - mu_0[rows])
-            last = k == len(tip.levels) - 1 and not self._apart
-            level = LevelProblem(
-                H * last, g * last, F, f, G, self._lower, self._upper,
-                tip.row[rows] / self._root, bound, self._rho,
-            )  # fmt: skip
-            found = self._solve(level, x, Z, unique=last)
-            if found is None:
-                return guard.fall_back(Status.NOT_SOLVED, tip.V, np.nan)
-            x = found
-            delta = max(delta, float(level.row @ x - level.bound)) if self._rho else np.nan
-            room = np.minimum(G @ x - self._lower, self._upper - G @ x)
-            saturated = bool((room <= SAME * (self._upper - self._lower)).any())
-            reports += _reports(tip, rows, mu_map, mu_0, x, Z, saturated=saturated)
-            Z = Z @ _null(F @ Z, float(np.linalg.norm(F, axis=1).max()))
-        if self._apart and Z.shape[1]:
-            level = LevelProblem(
-                H, g, none, none[:, 0], G, self._lower, self._upper, none[:, 0], 0.0, 0.0
+        levels = [
+            Level(
+                self._root * mu_map[rows], self._root * (tip.mu_ref[rows] - mu_0[rows]),
+                tip.row[rows] / self._root, float(bound - tip.row[rows] @ mu_0[rows]), self._rho,
             )
-            found = self._solve(level, x, Z, unique=True)
+            for rows, bound in zip(tip.levels, tip.bound, strict=True)
+        ]  # fmt: skip
+        if self._apart:
+            levels.append(Level(mu_map[:0], mu_0[:0], mu_0[:0], 0.0, 0.0))
+        reports: list[TaskReport] = []
+        delta = 0.0
+        for k, level in enumerate(levels):
+            last, free = level is levels[-1], Z
+            found = self._solve(level, scale, x, Z, (square, zero) if last else None)
             if found is None:
                 return guard.fall_back(Status.NOT_SOLVED, tip.V, np.nan)
-            x = found
+            x, Z = found
+            if k == len(tip.levels):
+                break
+            delta = max(delta, level.beyond(x)) if self._rho else np.nan
+            u = scale[:m] * x[:m]
+            room = np.minimum(u - self._lower, self._upper - u)
+            saturated = bool((room <= SAME * (self._upper - self._lower)).any())
+            reports += _reports(tip, tip.levels[k], mu_map, mu_0, x, free, saturated=saturated)
         return replace(guard.accept(scale[:m] * x[:m], tip.V, delta), tasks=tuple(reports))
 
     def _solve(
-        self, level: LevelProblem, x: np.ndarray, Z: np.ndarray, *, unique: bool
-    ) -> np.ndarray | None:
-        """An optimum of a level in x + Z w; None without one.
+        self,
+        level: Level,
+        scale: np.ndarray,
+        x: np.ndarray,
+        Z: np.ndarray,
+        regulariser: tuple[np.ndarray, np.ndarray] | None,
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """An optimum x + Z w of a level, and the directions that it leaves free; None without one.
 
-        The solver's answer with a small ridge is only the start of an exact active set method.
+        Singular values of F Z that are too small are zero but for rounding. A regulariser, of the
+        last level, is ‖square x - zero‖².
         """
         if Z.shape[1] == 0:
-            return x
-        inner = _within(level, x, Z, EXACT if unique else RANK_TOLERANCE)
-        F, f, tolerance = inner.F, inner.f, RANK_TOLERANCE
-        largest = float(np.linalg.norm(level.F, axis=1).max(initial=0.0))
-        if unique:
-            values, vectors = np.linalg.eigh(inner.H / 2)
-            half = np.sqrt(np.maximum(values, 0.0)) * vectors
-            F, f = np.vstack((F, half.T)), np.append(f, np.linalg.lstsq(half, -inner.g / 2)[0])
-            largest, tolerance = float(np.linalg.norm(F, axis=1).max()), 1e-14
-        w, side, late = self._start(inner, RIDGE * largest**2)
+            return x, Z
+        m, smallest = self._nu, RANK_TOLERANCE * level.largest
+        rows, goal, beyond = level.F @ Z, level.f - level.F @ x, level.beyond(x)
+        within = Z @ _null(rows, level.largest)
+        slope = level.along @ rows
+        if regulariser is not None:
+            square, zero = regulariser
+            U, values, Vt = np.linalg.svd(rows, full_matrices=False)
+            rows = (U * np.where(values > EXACT * level.largest, values, 0.0)) @ Vt
+            rows, goal = np.vstack((rows, square @ Z)), np.append(goal, zero - square @ x)
+            smallest = 1e-14 * float(np.linalg.norm(rows, axis=1).max())
+        G, at = scale[:m, None] * Z[:m], scale[:m] * x[:m]
+        lower, upper = np.minimum(self._lower - at, 0.0), np.maximum(self._upper - at, 0.0)
+        # With δ = max(0, …) the objective is one of two quadratics, with δ or without it. The right
+        # one has a minimiser with the sign of δ that it assumes.
+        late = level.rho > 0 and level.along @ level.f > level.bound
         for _ in range(2):
-            rows, goal = F, f
+            both = rows, goal
             if late:
-                root = np.sqrt(inner.rho)
-                rows, goal = np.vstack((F, root * inner.row)), np.append(f, root * inner.bound)
-            found = _least_squares(rows, goal, inner, w, side, tolerance * largest)
-            if found is None:
+                root = np.sqrt(level.rho)
+                both = np.vstack((rows, root * slope)), np.append(goal, -root * beyond)
+            w = self._closest(*both, smallest, G, lower, upper)
+            if w is None:
                 return None
-            w, side = found
-            if not inner.rho or (inner.row @ w > inner.bound) == late:
+            if not level.rho or (slope @ w + beyond > 0) == late:
                 break
             late = not late
-        result: np.ndarray = x + Z @ w
-        return result
+        return x + Z @ w, within
 
-    def _start(self, level: LevelProblem, ridge: float) -> tuple[np.ndarray, np.ndarray, bool]:
-        """The solver's answer, the side (p,) of each row's active bound, and whether δ > 0.
+    def _closest(
+        self,
+        rows: np.ndarray,
+        goal: np.ndarray,
+        smallest: float,
+        G: np.ndarray,
+        lower: np.ndarray,
+        upper: np.ndarray,
+    ) -> np.ndarray | None:
+        """The w (k,) of least ‖rows w - goal‖² with lower ≤ G w ≤ upper; None without one.
 
-        If the solver has no answer, the start is w = 0.
+        Singular values below `smallest` count as zero.
         """
-        k, kept = len(level.g), _moving(level.G)
-        p, late = int(kept.sum()), level.rho > 0 and bool(np.abs(level.row).max() > 0)
-        H, g = np.zeros((k + late, k + late)), np.zeros(k + late)
-        H[:k, :k] = level.H + 2 * level.F.T @ level.F + ridge * np.eye(k)
-        g[:k] = level.g - 2 * level.F.T @ level.f
-        A = np.zeros((p + late, k + late))
-        A[:p, :k] = level.G[kept]
-        lower, upper = level.lower[kept], level.upper[kept]
-        if late:
-            H[k, k], A[p, :k], A[p, k] = 2 * level.rho, level.row, -1.0
-            lower, upper = np.append(lower, -np.inf), np.append(upper, level.bound)
-        key = len(g), len(lower)
-        if key not in self._qps:
-            self._qps[key] = DenseQp(*key)
-        found = self._qps[key].solve(QpProblem(H, g, A, lower, upper))
-        side = np.zeros(len(level.G))
-        if found is None or not found.solved:
-            return np.zeros(k), side, False
-        w = found.x[:k]
-        side[kept] = np.sign(found.multipliers[:p])
-        at = level.G @ w
-        if (np.maximum(level.lower - at, at - level.upper) > EXACT).any():
-            return np.zeros(k), 0 * side, False
-        return w, side, bool(late and found.x[k] > 0)
-
-
-def _least_squares(
-    F: np.ndarray,
-    f: np.ndarray,
-    bounds: LevelProblem,
-    w: np.ndarray,
-    side: np.ndarray,
-    smallest: float,
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Minimise ‖F w - f‖² within the bounds from an admissible w.
-
-    It is a primal active set method; `side` (p,) is -1 or 1 for a row at its lower or upper bound.
-    Returns w and the sides; None if it does not end. Singular values of F below `smallest` count as
-    zero. Each step is the least that reaches the optimum on the active rows.
-    """
-    G, lower, upper, side = bounds.G, bounds.lower, bounds.upper, side.copy()
-    sizes = np.linalg.norm(G, axis=1)
-    fixed = ~_moving(G)
-    scale = float(np.linalg.norm(F, axis=1).max(initial=0.0) * (np.linalg.norm(f) + 1e-300))
-    dropped = -1
-    for _ in range(10 * len(G) + 10):
-        active = side != 0
-        N = _null(G[active], 0.0)
-        U, values, Vt = np.linalg.svd(F @ N, full_matrices=False)
+        k = rows.shape[1]
+        # k rows of zeros, so that there are k singular values
+        U, values, Vt = np.linalg.svd(np.vstack((rows, np.zeros((k, k)))), full_matrices=False)
         counted = values > max(smallest, 1e-300)
-        right = U[:, counted].T @ (f - F @ w)
-        step = N @ (Vt[counted].T @ (right / values[counted]))
-        along, at = G @ step, G @ w
-        along[active | fixed] = 0.0
-        room = np.full(len(G), np.inf)
-        up, down = along > 0, along < 0
-        room[up] = np.maximum(upper - at, 0.0)[up] / along[up]
-        room[down] = np.minimum(lower - at, 0.0)[down] / along[down]
-        k = int(room.argmin()) if len(room) else -1
-        if k >= 0 and room[k] < 1.0:
-            w = w + room[k] * step
-            if k == dropped and room[k] == 0.0:
-                return w, side  # its multiplier was only rounding
-            side[k] = np.sign(along[k])
-            continue
-        w = w + step
-        weight = np.zeros(len(G))
-        weight[active] = np.linalg.lstsq(G[active].T, F.T @ (f - F @ w), rcond=1e-10)[0]
-        weight *= sizes / max(scale, 1e-300)
-        wrong = -weight * side
-        dropped = int(wrong.argmax()) if len(wrong) else -1
-        if dropped < 0 or wrong[dropped] <= ROUNDING:
-            return w, side
-        side[dropped] = 0.0
-    return None
+        # unknowns y with w = T y: the objective is ‖y - aim‖², for those that count
+        T = Vt.T / np.where(counted, values, values[counted].min() if counted.any() else 1.0)
+        aim, weights = np.where(counted, goal @ U[: len(goal)], 0.0), np.where(counted, 1.0, RIDGE)
+        sizes = np.linalg.norm(G, axis=1)
+        moving = sizes > EXACT * sizes.max()  # the other inputs are fixed by the levels above
+        key = k, int(moving.sum())
+        if key not in self._qps:
+            self._qps[key] = DenseQp(*key, guess=True)
+        H, A, y = np.diag(2 * weights), G[moving] @ T, np.zeros(k)
+        # Directions that do not count have a small weight. The proximal point method removes its
+        # effect: their aim is their last value.
+        for _ in range(REPEATS):
+            problem = QpProblem(H, -2 * weights * aim, A, lower[moving], upper[moving])
+            found = self._qps[key].solve(problem)
+            if found is None or not found.solved:
+                return None
+            y, before = found.x, y
+            if not np.abs((y - before)[~counted]).max(initial=0.0) > EXACT * np.abs(y).max():
+                break
+            aim = np.where(counted, aim, y)
+        w: np.ndarray = T @ y
+        return w
 
 
-def _moving(G: np.ndarray) -> np.ndarray:
-    """Which rows of G, in units of the free directions, are not fixed by the levels above."""
-    sizes = np.linalg.norm(G, axis=1)
-    return sizes > EXACT * sizes.max(initial=0.0)
-
-
-def _within(level: LevelProblem, x: np.ndarray, Z: np.ndarray, tolerance: float) -> LevelProblem:
-    """The level in w of x + Z w; w = 0 meets every row, whatever rounding says.
-
-    Singular values of F Z below `tolerance` times the largest row of F are zero but for rounding.
-    """
-    at = level.G @ x
-    U, values, Vt = np.linalg.svd(level.F @ Z, full_matrices=False)
-    values[values <= tolerance * np.linalg.norm(level.F, axis=1).max(initial=0.0)] = 0.0
-    F = (U * values) @ Vt
-    return LevelProblem(
-        Z.T @ level.H @ Z, Z.T @ (level.g + level.H @ x),
-        F, level.f - level.F @ x,
-        level.G @ Z, np.minimum(level.lower - at, 0.0), np.maximum(level.upper - at, 0.0),
-        level.along, level.bound - float(level.row @ x), level.rho,
-    )  # fmt: skip
+def _root(H: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(square, zero) with ‖square x - zero‖² = ½ xᵀH x + gᵀx but for a constant."""
+    values, vectors = np.linalg.eigh(H / 2)
+    root = np.sqrt(np.maximum(values, 0.0)) * vectors
+    return root.T, np.linalg.lstsq(root, -g / 2)[0]
 
 
 def _null(rows: np.ndarray, largest: float) -> np.ndarray:
-    """Orthonormal columns (k, free) on which `rows` vanish.
-
-    A row counts by the one rank rule, as a share of `largest` or of the largest row.
-    """
-    k = rows.shape[1]
-    most = float(np.linalg.norm(rows, axis=1).max(initial=0.0))
-    if most <= RANK_TOLERANCE * max(largest, most * RANK_TOLERANCE) or most <= 1e-12:
-        return np.eye(k)
-    own = row_space(np.ascontiguousarray(rows), RANK_TOLERANCE * max(largest, most) / most)
-    return np.linalg.svd(own, full_matrices=True)[2][len(own) :].T
+    """Orthonormal columns (k, free) on which `rows` vanish, but for a share of `largest`."""
+    if not rows.shape[1]:
+        return np.zeros((0, 0))
+    _, values, Vt = np.linalg.svd(rows)
+    return Vt[np.count_nonzero(values > max(RANK_TOLERANCE * largest, 1e-300)) :].T
 
 
 def _reports(

@@ -52,7 +52,7 @@ from softdyn.dynamics.engine import moved_bodies
 from softdyn.dynamics.model import SoftModel, State, check_model, check_state, taut_gains
 from softdyn.dynamics.projection import Projection, project, underlying_tree
 from softdyn.dynamics.tendons import compile_tendons
-from softdyn.dynamics.wrapped_paths import PlacedPiece
+from softdyn.dynamics.wrapped_paths import PlacedPaths, WrappedPaths
 
 STRAIGHT = 1e-9  # a wrap angle (rad) below which its gradient has no direction
 
@@ -119,7 +119,7 @@ class Capstan:
         ]
         self._bodies = np.array([body for body, _ in anchors], int)
         self._offsets = np.array([xyz for _, xyz in anchors], float).reshape(-1, 3, 1)
-        self._around = _Around.of(found, tree.tendons.wraps.pieces)
+        self._around = _Around.of(found, tree.tendons.wraps)
         self._downstream = np.triu(self.tendon[:, None] == self.tendon).astype(float)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -139,12 +139,12 @@ class Capstan:
         angles = np.zeros(len(self.tendon))
         angles[self._at_joints] = np.abs(coordinates[self._dof])
         placed = self._placed(kinematics)
-        if self._around:
+        if placed is not None:
+            guide, piece, end = self._around.halves
             arms = arms.copy()
-            for g, k, end in self._around.halves:
-                arms[g, placed[k].piece.dofs[end]] += placed[k].moment_arms(kinematics[0], end)
-            for g, k in self._around.turns:
-                angles[g] = placed[k].course.turn
+            arms[guide] += placed.arms(kinematics[0])[piece, end]
+            guide, piece = self._around.turns
+            angles[guide] = placed.courses.turn[piece]
         if len(self._at_sites):
             before, behind, _ = self._directions(placed, *kinematics[1:])
             apart, along = (np.linalg.norm(x, axis=1) for x in (before - behind, before + behind))
@@ -203,15 +203,13 @@ class Capstan:
         tree, _ = underlying_tree(model)
         return tree.coordinates(model.expand(state.q) if isinstance(model, Projection) else state.q)
 
-    def _placed(
-        self, kinematics: tuple[np.ndarray, np.ndarray, np.ndarray], *, bends: bool = False
-    ) -> list[PlacedPiece]:
+    def _placed(self, kinematics: tuple[np.ndarray, np.ndarray, np.ndarray]) -> PlacedPaths | None:
         """The pieces of all cables around round bodies, if any of them rubs."""
         tree, _ = underlying_tree(self.model)
-        return list(tree.tendons.wraps.at(*kinematics[1:], bends=bends)) if self._around else []
+        return tree.tendons.wraps.at(*kinematics[1:]) if self._around else None
 
     def _directions(
-        self, placed: list[PlacedPiece], rotations: np.ndarray, translations: np.ndarray
+        self, placed: PlacedPaths | None, rotations: np.ndarray, translations: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Unit vectors before and behind each guide at a site, and the points (guides, 3, 3)."""
         points = np.matmul(rotations[self._bodies], self._offsets)[:, :, 0]
@@ -219,11 +217,10 @@ class Capstan:
         before, behind = points[:, 1] - points[:, 0], points[:, 2] - points[:, 1]
         before /= np.linalg.norm(before, axis=1)[:, None]
         behind /= np.linalg.norm(behind, axis=1)[:, None]
-        for row, first, k, end in self._around.beside:
-            if first:
-                before[row] = placed[k].directions[end]
-            else:
-                behind[row] = -placed[k].directions[end]
+        if placed is not None:
+            directions = placed.directions
+            (row, piece, end), (last, beyond, there) = self._around.beside
+            before[row], behind[last] = directions[piece, end], -directions[beyond, there]
         return before, behind, points
 
     def _angle_gradients(self, state: State) -> np.ndarray:
@@ -235,9 +232,10 @@ class Capstan:
         S, rotations, translations = kinematics = self._kinematics(state)
         found = np.zeros((len(self.tendon), len(S)))
         found[self._at_joints, self._dof] = np.sign(self._coordinates(state)[self._dof])
-        placed = self._placed(kinematics, bends=True)
-        for g, k in self._around.turns:
-            found[g] = placed[k].turn_gradient(S)
+        placed = self._placed(kinematics)
+        if placed is not None:
+            guide, piece = self._around.turns
+            found[guide] = placed.turn_gradients(S)[piece]
         if len(self._at_sites):
             before, behind, points = self._directions(placed, rotations, translations)
             # columns of each point, (points, n, 3)
@@ -246,15 +244,14 @@ class Capstan:
             cosine = np.einsum("gi,gi->g", before, behind)[:, None]
             sine = np.linalg.norm(np.cross(before, behind), axis=1)[:, None]
             factor = np.where(sine > STRAIGHT, -1.0 / np.maximum(sine, STRAIGHT), 0.0)
-            around = {(row, first): (k, end) for row, first, k, end in self._around.beside}
+            rates = None if placed is None else placed.direction_rates(S, self._moves)
             for k, (one, other) in enumerate(((before, behind), (behind, before))):
                 length = np.linalg.norm(points[:, k + 1] - points[:, k], axis=1)
                 across = factor * (other - cosine * one)
                 change = (moved[:, k + 1] - moved[:, k]) / length[:, None, None]
-                for (row, first), (piece, end) in around.items():
-                    if first == (k == 0):
-                        turned = placed[piece].direction_rates(S, end, self._moves)
-                        change[row] = turned if first else -turned
+                if rates is not None:
+                    row, piece, end = self._around.beside[k]
+                    change[row] = (1 - 2 * k) * rates[piece, end]
                 found[self._at_sites] += np.einsum("gi,gni->gn", across, change)
         return found if self._S is None else found @ self._S
 
@@ -264,9 +261,11 @@ class Capstan:
             return np.zeros((self.model.nv, self.model.nv))
         kinematics, rest = self._kinematics(state), np.zeros(len(self._moves))
         total, _ = self._pieces.curvature(*kinematics, force, rest)
-        placed = self._placed(kinematics, bends=True)
-        for g, k, end in self._around.halves:
-            total += force[g] * placed[k].arm_rates(kinematics[0], end)
+        placed = self._placed(kinematics)
+        if placed is not None:
+            guide, piece, end = self._around.halves
+            rates = placed.arm_rates(kinematics[0])[piece, end]
+            total += np.tensordot(force[guide], rates, 1)
         return project(self._S, total)
 
 
@@ -404,25 +403,28 @@ class _Around(NamedTuple):
 
     Attributes
     ----------
-    turns : tuple of (int, int)
+    turns : ndarray of int, (2, k)
         Guides at a body, and the cables' pieces around it.
-    halves : tuple of (int, int, int)
+    halves : ndarray of int, (3, k)
         Guides whose piece behind lies beside a body, that piece, and the site, 0 or 1.
-    beside : tuple of (int, bool, int, int)
-        Rows of guides at sites, whether the body is before the site, that piece, and the site.
+    beside : tuple of ndarray of int, (3, k)
+        Rows of guides at sites with a body before the site, that piece, and the site; likewise with
+        a body behind the site.
     """
 
-    turns: tuple[tuple[int, int], ...]
-    halves: tuple[tuple[int, int, int], ...]
-    beside: tuple[tuple[int, bool, int, int], ...]
+    turns: np.ndarray
+    halves: np.ndarray
+    beside: tuple[np.ndarray, np.ndarray]
 
     def __bool__(self) -> bool:
-        return bool(self.turns)
+        return self.turns.size > 0
 
     @classmethod
-    def of(cls, found: list[tuple[int, _Guide]], pieces: tuple[Any, ...]) -> _Around:
-        number = {(piece.tendon, piece.after): k for k, piece in enumerate(pieces)}
-        turns, halves, beside, row = [], [], [], 0
+    def of(cls, found: list[tuple[int, _Guide]], paths: WrappedPaths) -> _Around:
+        pieces = zip(paths.tendon.tolist(), paths.after.tolist(), strict=True)
+        number = {piece: k for k, piece in enumerate(pieces)}
+        turns, halves, row = [], [], 0
+        beside: tuple[list[tuple[int, ...]], list[tuple[int, ...]]] = [], []
         for g, (t, guide) in enumerate(found):
             if isinstance(guide.place, Wrap):
                 turns.append((g, number[t, guide.place.after]))
@@ -430,11 +432,15 @@ class _Around(NamedTuple):
                 wrap, end = guide.half
                 halves.append((g, number[t, wrap.after], end))
             if isinstance(guide.place, tuple):
-                for first, there in ((True, guide.before), (False, guide.behind)):
+                for there, rows in zip((guide.before, guide.behind), beside, strict=True):
                     if there is not None:
-                        beside.append((row, first, number[t, there[0].after], there[1]))
+                        rows.append((row, number[t, there[0].after], there[1]))
                 row += 1
-        return cls(tuple(turns), tuple(halves), tuple(beside))
+        before, behind = (np.array(rows, int).reshape(-1, 3).T for rows in beside)
+        return cls(
+            np.array(turns, int).reshape(-1, 2).T, np.array(halves, int).reshape(-1, 3).T,
+            (before, behind),
+        )  # fmt: skip
 
 
 def _guides(robot: Robot, tendon: Tendon, friction: float) -> Iterator[_Guide]:

@@ -109,6 +109,11 @@ class Drives:
             del self._sent[0]
         self._sent.append((t, commands.copy()))
 
+    @property
+    def commands(self) -> np.ndarray:
+        """The values (m,) that act now: u, or free lengths of winches."""
+        return np.where(self._speeds, self._free, self.acting) if self._winds else self.acting
+
     def over(self, begin: float, end: float) -> np.ndarray:
         """Mean acting values (m,) over the next span (s): u, or free lengths of winches."""
         if self._ideal and self._sent[-1][0] < begin + SAME:

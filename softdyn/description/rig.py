@@ -41,7 +41,7 @@ class Actuator:
     tendon's own spring acts beside the winch.
 
     A command passes first through the `delay`, then through the bound on its `rate`, then through
-    the `lag`.
+    the `lag`. A winch that commands a length then adds its `offset`: ℓ_cmd = command + offset.
 
     Attributes
     ----------
@@ -68,6 +68,9 @@ class Actuator:
         Largest rate of change of the command, in the command's unit per second.
     delay : float
         Time from a command to its effect (s), at most 10 s.
+    offset : float
+        Free length ℓ_cmd at the command 0 (m); only with the command `length`. `softdyn drive
+        --zero` measures it.
     """
 
     name: str
@@ -83,11 +86,17 @@ class Actuator:
     lag: float = 0.0
     rate: float = math.inf
     delay: float = 0.0
+    offset: float = 0.0
 
     @property
     def is_winch(self) -> bool:
         """Whether the command is a free length or its rate."""
         return self.command is not CommandKind.FORCE
+
+    @property
+    def zero(self) -> float:
+        """The offset (m) of a length command; 0 for other commands."""
+        return self.offset if self.command is CommandKind.LENGTH else 0.0
 
     @property
     def pushes(self) -> bool:

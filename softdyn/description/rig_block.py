@@ -21,7 +21,9 @@ from softdyn.description.strict_xml import Element
 
 A_LINK, A_TENDON, A_JOINT = (f"the name of a {part}" for part in ("link", "tendon", "joint"))
 SPRING = "a spring"
-MOTOR = ("name", "tendon", "gear", "lower", "upper", "command", "lag", "rate", "delay")
+MOTOR = (
+    "name", "tendon", "gear", "lower", "upper", "command", "lag", "rate", "delay", "offset",
+)  # fmt: skip
 WINCH = ("stiffness", "damping", "length_lower", "length_upper")
 COMMANDS = tuple(kind.value for kind in CommandKind)
 SENSORS = tuple(kind.value for kind in SensorKind)
@@ -79,6 +81,7 @@ def read_actuator(
         lag=element.non_negative("lag"),
         rate=element.number("rate", math.inf),
         delay=_delay(element, "delay"),
+        offset=element.number("offset", 0.0),
     )  # fmt: skip
     if actuator.rate <= 0:
         raise element.error("rate > 0", actuator.rate)
@@ -86,6 +89,9 @@ def read_actuator(
         reason = "a winch" if actuator.is_winch else f"an input on slack tendon {tendon.name!r}"
         got = f"gear={gear} lower={lower} upper={upper}"
         raise element.error(f"gear * u <= 0 from lower to upper, as {reason} only pulls", got)
+    if element.node.get("offset") is not None and actuator.command is not CommandKind.LENGTH:
+        expected = 'command="length" beside offset'
+        raise element.error(expected, f'command="{actuator.command.value}"')
     if actuator.is_winch:
         return _winch(element, actuator, tendon, joints)
     for name in WINCH:

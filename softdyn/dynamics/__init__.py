@@ -7,7 +7,7 @@
 - `engine`: Pinocchio's model, built and checked against the strict parse, and views of its memory;
 - `kernels`: a State in one compiled function: M, g, the tip's J and J̇, forces;
 - `tendons`: lengths, moment arms ∂ℓ/∂q of fixed and spatial tendons, and their gradients;
-- `wraps`: a cable's course around a cylinder or a sphere, with derivatives; `wrapped_paths`: the
+- `wraps`: courses of cables around cylinders and spheres, with derivatives; `wrapped_paths`: the
   tendons that run around such bodies;
 - `points`: a point of a body, its Jacobian and the Jacobian's derivative;
 - `coordinates`: places in q of each joint: continuous joints, floating bases;

@@ -214,14 +214,15 @@ class ForceBalance:
         blocks = pin.computeRNEADerivatives(tree.pin_model, data, here, v, a)
         by_q, by_v, M = (np.array(block.reshape(n, n), order="C") for block in blocks)
         r, kinematics = np.array(data.tau), tree.last_kinematics()
-        lengths, arms = tree.tendons.geometry(coordinates, *kinematics)
+        placed = self._wraps.at(*kinematics[1:]) if self._wraps else None
+        lengths, arms = tree.tendons.geometry(coordinates, *kinematics, placed)
         pull = self._pull(lengths, arms, v, commands)
         add_compliance(
             r, by_q, by_v, coordinates, v, self._joints, arms, pull.force, pull.gain, pull.damping,
             *kinematics, *tree.tendons.segments,
         )  # fmt: skip
-        if self._wraps:
-            self._wraps.add_compliance(by_q, pull.force, pull.damping, arms, v, *kinematics)
+        if placed is not None:
+            placed.add_compliance(by_q, pull.force, pull.damping, arms, v, kinematics[0])
         by_d = np.zeros((n, self._size))
         terms = BalanceTerms(r, by_q, by_v, M, arms.T @ pull.slope, by_d, pull.inputs)
         if self._size:

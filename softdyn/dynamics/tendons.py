@@ -33,7 +33,7 @@ import numpy as np
 
 from softdyn.compiled import compiled
 from softdyn.description.robot import Tendon
-from softdyn.dynamics.wrapped_paths import WrappedPaths, compile_wraps
+from softdyn.dynamics.wrapped_paths import PlacedPaths, WrappedPaths, compile_wraps
 
 TINY = 2.2250738585072014e-308  # avoids 0/0: a segment of length zero gets the direction zero
 
@@ -102,7 +102,8 @@ class Tendons:
         if self.spatial:
             norms = self._directions(rotations, translations)[2]
             lengths += np.bincount(self.segments.bodies[:, 2], norms, len(self.names))
-        self.wraps.add_lengths(lengths, rotations, translations)
+        if self.wraps:
+            lengths += self.wraps.at(rotations, translations).lengths()
         return lengths
 
     def moment_arms(
@@ -123,8 +124,8 @@ class Tendons:
         values = np.einsum("ik,ki->k", jacobian[:, dof], wrench[segment]) * signs
         arms = self.coefficients.copy()
         np.add.at(arms, (self.segments.bodies[segment, 2], dof), values)
-        unused = np.zeros(len(arms))
-        self.wraps.add_geometry(unused, arms, jacobian.T, rotations, translations)
+        if self.wraps:
+            arms += self.wraps.at(rotations, translations).moment_arms(jacobian.T)
         return arms
 
     def geometry(
@@ -133,6 +134,7 @@ class Tendons:
         S: np.ndarray,
         rotations: np.ndarray,
         translations: np.ndarray,
+        placed: PlacedPaths | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """The `lengths` (tendons,) and `moment_arms` (tendons, nv), by the kernel.
 
@@ -144,12 +146,17 @@ class Tendons:
             Joint Jacobian columns (v; ω) about the world's origin, as rows.
         rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
             The bodies' poses.
+        placed : PlacedPaths, optional
+            The pieces around round bodies at these poses, if they are known.
         """
         lengths, arms = self.coefficients @ coordinates + self.offset, self.coefficients
         if self.spatial:
             arms = arms.copy()
             moment_arms(arms, lengths, S, rotations, translations, *self.segments)
-            self.wraps.add_geometry(lengths, arms, S, rotations, translations)
+        if self.wraps:
+            placed = self.wraps.at(rotations, translations) if placed is None else placed
+            lengths += placed.lengths()
+            arms += placed.moment_arms(S)
         return lengths, arms
 
     def curvature(
@@ -176,7 +183,9 @@ class Tendons:
         if not v.flags.writeable:
             v = v.copy()  # a read-only array would need a second compilation
         total, rates = segment_curvature(S, rotations, translations, *self.segments, force, v)
-        self.wraps.add_curvature(total, rates, S, rotations, translations, force, v)
+        if self.wraps:
+            more = self.wraps.at(rotations, translations).curvature(S, force, v)
+            total, rates = total + more[0], rates + more[1]
         return total, rates
 
     def _directions(

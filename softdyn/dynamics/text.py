@@ -143,6 +143,8 @@ def _motor(actuator: Actuator) -> str:
         parts.append(f"rate {actuator.rate:g} {unit[actuator.command]}/s")
     if actuator.delay:
         parts.append(f"delay {actuator.delay:g} s")
+    if actuator.zero:
+        parts.append(f"offset {1e3 * actuator.zero:g} mm")
     return ", ".join(parts)
 
 

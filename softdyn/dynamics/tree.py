@@ -201,7 +201,9 @@ class TreeModel(SoftModel):
         lengths = kernels.tip_terms(tip_and_lengths)[2]
         arms, inputs = kernels.tendon_terms(joint_rows, len(lengths))
         memory = scratch.memory
-        self._wraps.add_geometry(lengths, arms, memory.S, memory.rotations, memory.translations)
+        placed = self._wraps.at(memory.rotations, memory.translations)
+        lengths += placed.lengths()
+        arms += placed.moment_arms(memory.S)
         inputs[:] = self.gear[:, None] * arms[self.actuated]
         K[:], D = self._springs_and_dampers(coordinates, lengths, arms, v)
         h[:] = bias + D @ v + K

@@ -1,12 +1,13 @@
 """Winches: the input that a commanded free length of cable gives, its derivatives, its inverse.
 
-A winch holds the free length c of a cable with stiffness k and damping d. At the length ℓ of its
-tendon and the rate ℓ̇, the tension and the input are
+A winch holds the free length c + z of a cable with stiffness k and damping d: its command c plus
+the offset z of its motor. At the length ℓ of its tendon and the rate ℓ̇, the tension and the input
+are
 
-    T = max(0, k (ℓ - c) + d ℓ̇),    u = -T / gear, clipped to [lower, upper].
+    T = max(0, k (ℓ - c - z) + d ℓ̇),    u = -T / gear, clipped to [lower, upper].
 
-A tendon that may be slack has the same tension with its rest length in place of c. Where neither
-bound acts,
+A tendon that may be slack has the same tension with its rest length in place of c + z. Where
+neither bound acts,
 
     ∂u/∂ℓ = -k / gear,    ∂u/∂ℓ̇ = -d / gear,    ∂u/∂c = k / gear.
 
@@ -47,9 +48,9 @@ class Winches:
     """The inputs u (m,) that a robot's motors give under commands (m,), in the order of u.
 
     The command of a motor that regulates its force is u itself. The command of a winch is its free
-    length c of cable (m). A winch whose driver regulates the velocity has the free length as a
-    state of its own, which the driver integrates, ċ = command, within its bounds. The methods then
-    take this free length as the command.
+    length of cable less the motor's offset (m). A winch whose driver regulates the velocity has the
+    free length as a state of its own, which the driver integrates, ċ = command, within its bounds.
+    The methods then take this free length as the command.
 
     Parameters
     ----------
@@ -69,7 +70,10 @@ class Winches:
     stiffness, damping : ndarray, (m,)
         The winch cable's k (N/m) and d (N s/m); zero for other motors.
     lower, upper : ndarray, (m,)
-        Bounds of the commands: of the free lengths (m), and of u for other motors.
+        Bounds of the commands: of the free lengths less their offsets (m), and of u for other
+        motors.
+    offset : ndarray, (m,)
+        Free length at the command 0 (m); zero for other motors.
     """
 
     def __init__(self, model: SoftModel, actuators: tuple[Actuator, ...] | None = None) -> None:
@@ -80,8 +84,9 @@ class Winches:
         self.winds.flags.writeable = False
         self.stiffness = read_only([actuator.stiffness for actuator in actuators])
         self.damping = read_only([actuator.damping for actuator in actuators])
+        self.offset = read_only([actuator.zero for actuator in actuators])
         self.lower, self.upper = (
-            read_only(np.where(self.winds, lengths, inputs))
+            read_only(np.where(self.winds, np.subtract(lengths, self.offset), inputs))
             for lengths, inputs in (
                 ([actuator.length_lower for actuator in actuators], model.u_min),
                 ([actuator.length_upper for actuator in actuators], model.u_max),
@@ -103,7 +108,7 @@ class Winches:
         state : State
             The robot's state.
         commands : array_like, (m,)
-            Free lengths of the winches (m), and u of the other motors.
+            Commands of the winches (m), and u of the other motors.
 
         Raises
         ------
@@ -118,7 +123,7 @@ class Winches:
     def commands(self, state: State, u: np.ndarray) -> np.ndarray:
         """The commands (m,) that give the inputs u: the inverse of `tensions` within the bounds.
 
-        The free length of a winch is c = ℓ - (T - d ℓ̇) / k with T = -gear u, clipped to the
+        The command of a winch is c = ℓ - (T - d ℓ̇) / k - z with T = -gear u, clipped to the
         winch's bounds. u = 0 gives the length at which the cable is just slack.
 
         Parameters
@@ -132,12 +137,12 @@ class Winches:
         u = vector("u", u, self.model.nu)
         lengths, rates = state.lengths[self.tendon], (state.moment_arms @ state.v)[self.tendon]
         free = lengths + (self._gear * u + self.damping * rates) / self._divisor
-        return np.where(self.winds, np.clip(free, self.lower, self.upper), u)
+        return np.where(self.winds, np.clip(free - self.offset, self.lower, self.upper), u)
 
     def inputs(self, lengths: np.ndarray, rates: np.ndarray, commands: np.ndarray) -> MotorInputs:
         """The inputs at these lengths and rates (tendons,) under commands (m,), and derivatives."""
         lengths, rates = lengths[self.tendon], rates[self.tendon]
-        tension = self.stiffness * (lengths - commands) + self.damping * rates
+        tension = self.stiffness * (lengths - commands - self.offset) + self.damping * rates
         free = -np.maximum(tension, 0.0) / self._gear
         u = np.clip(free, self.model.u_min, self.model.u_max)
         inside = self.winds & (tension > 0) & (u == free)

@@ -1,4 +1,4 @@
-"""The course of a cable between two points around a cylinder or a sphere, with derivatives.
+"""Courses of cables between two points around a cylinder or a sphere, with derivatives.
 
 The points a and b are in the body's frame, where a cylinder's axis is z. The problem is planar: for
 a cylinder in the plane across its axis, for a sphere in the plane through a, b and its centre. With
@@ -21,14 +21,18 @@ P_xθ P_θx/P_θθ, as p moves along the circle (implicit function theorem).
 A cylinder's cable rises by z = b_z - a_z, in proportion to the path. So its length is √(P² + z²),
 and with the cosine c = P/ℓ of the pitch its total turn is φ c outside, 2 asin(c sin(φ/2)) inside.
 
-The choice between the two ways around is that of MuJoCo 4, see `_outside`.
+The choice between the two ways around is that of MuJoCo 4, see `_ways_around`.
+
+All courses of a robot are computed at once. In the plane points are complex numbers.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from enum import Enum
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -40,21 +44,23 @@ SMALLEST = 1e-15  # m², m: nearer points are one, as for MuJoCo
 NEAR = 1e-12  # smallest t/r, and second derivative of a way, by which a Hessian divides
 FLAT = 1e-6  # rad; points nearer to one line with a sphere's centre have no steeper Hessian
 TURN = 2.0 * math.pi
-Pair = tuple[float, float]
+ITERATIONS = 60  # of Newton's method or halvings; it needs about 5
+ENDS = np.array((1.0, -1.0))  # the cable leaves its first point and arrives at the second
+FREE, ENTERED, CLOCKWISE, COUNTER, BENT = range(5)  # a `Contact`; its own numbers slow NumPy down
 
 
-class Contact(Enum):
-    """How a cable touches a round body."""
+class Contact(IntEnum):
+    """How a cable touches a round body; from `CLOCKWISE` on it touches."""
 
-    FREE = "free"
+    FREE = 0
     """It is straight and does not touch the body."""
-    ENTERED = "entered"
+    ENTERED = 1
     """It is straight because one of its ends is inside the body."""
-    CLOCKWISE = "clockwise"
+    CLOCKWISE = 2
     """It runs around the body, clockwise about a cylinder's axis, or the long way of a sphere."""
-    COUNTER = "counter-clockwise"
+    COUNTER = 3
     """It runs around the body the other way."""
-    BENT = "bent"
+    BENT = 4
     """It bends at a point inside the body."""
 
 
@@ -79,76 +85,107 @@ class RoundBody(NamedTuple):
     inside: bool
 
 
-class Course(NamedTuple):
-    """A cable's course between two points.
+class RoundBodies(NamedTuple):
+    """Several round bodies, each in its own frame; fields as in `RoundBody`.
 
     Attributes
     ----------
-    contact : Contact
-        How it touches the body.
-    length : float
-        Its length (m).
-    gradient : ndarray, (2, 3)
-        Derivatives of the length by both points: unit vectors along the cable's ends, outwards.
-    turn : float
-        Its total turn at the body (rad).
-    points : ndarray, (2, 3) or None
-        The points where it meets and leaves the surface; None if it is straight.
-    bend : Bend or None
-        Second derivatives, if they were asked for.
+    radius : ndarray, (k,)
+        Radii (m).
+    sphere : ndarray of bool, (k,)
+        Whether each is a sphere.
+    side : ndarray, (k, 3)
+        Side points; zero without one.
+    spheres, inside : ndarray of int
+        Numbers of the spheres, and of the bodies with a side point inside.
     """
 
-    contact: Contact
-    length: float
+    radius: np.ndarray
+    sphere: np.ndarray
+    side: np.ndarray
+    spheres: np.ndarray
+    inside: np.ndarray
+
+    @classmethod
+    def of(cls, bodies: Sequence[RoundBody]) -> RoundBodies:
+        """The bodies as arrays."""
+        sphere = np.array([body.sphere for body in bodies], bool)
+        sides = [np.zeros(3) if body.side is None else body.side for body in bodies]
+        return cls(
+            np.array([body.radius for body in bodies]),
+            sphere,
+            np.array(sides).reshape(-1, 3),
+            np.flatnonzero(sphere),
+            np.flatnonzero([body.inside for body in bodies]),
+        )
+
+
+class Bends(NamedTuple):
+    """Derivatives of the directions of `Courses`.
+
+    Attributes
+    ----------
+    hessian : ndarray, (k, 6, 6)
+        Second derivatives of the lengths by both points.
+    turn : ndarray, (k, 6)
+        Gradients of the turns by both points.
+    """
+
+    hessian: np.ndarray
+    turn: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Courses:
+    """Courses of cables, each between two points around a round body.
+
+    Attributes
+    ----------
+    contact : ndarray of int, (k,)
+        How each touches its body: the numbers of a `Contact`.
+    length : ndarray, (k,)
+        Lengths (m).
+    gradient : ndarray, (k, 2, 3)
+        Derivatives of the lengths by both points: unit vectors along the cable's ends, outwards.
+    turn : ndarray, (k,)
+        Total turns at the bodies (rad).
+    rows : ndarray of int or slice
+        Those that touch their bodies.
+    touching : _Touching
+        More about these.
+    """
+
+    contact: np.ndarray
+    length: np.ndarray
     gradient: np.ndarray
-    turn: float
-    points: np.ndarray | None
-    bend: Bend | None
-
-
-class Bend(NamedTuple):
-    """Derivatives of a `Course`'s directions.
-
-    Attributes
-    ----------
-    hessian : ndarray, (6, 6)
-        Second derivatives of the length by both points.
-    turn : ndarray, (6,)
-        Gradient of the turn by both points.
-    """
-
-    hessian: np.ndarray
     turn: np.ndarray
+    rows: np.ndarray | slice
+    touching: _Touching
 
+    def points(self, count: int = 2) -> np.ndarray:
+        """Points (k, count, 3) from where they meet to where they leave the surfaces.
 
-class _Plane(NamedTuple):
-    """A course in the plane: its `Contact`, straight pieces, turn, points (4,) and directions (4,).
+        They are in the bodies' frames, and NaN for a straight course.
+        """
+        found = np.full((len(self.length), count, 3), np.nan)
+        found[self.rows] = self.touching.points(count)
+        return found
 
-    The arc is radius · turn outside, 0 inside.
-    """
-
-    contact: Contact
-    before: float
-    behind: float
-    arc: float
-    turn: float
-    points: tuple[float, float, float, float]
-    gradient: tuple[float, float, float, float]
-
-    @property
-    def length(self) -> float:
-        return self.before + self.arc + self.behind
-
-
-class _Curved(NamedTuple):
-    """Second derivatives in the plane (4, 4) and normal to it (2, 2), and the turn's gradient."""
-
-    hessian: np.ndarray
-    normal: np.ndarray
-    turn: np.ndarray
-
-
-Points = tuple[float, float, float, float]
+    @cached_property
+    def bends(self) -> Bends:
+        """The second derivatives."""
+        if isinstance(self.rows, slice):
+            return Bends(*self.touching.bends())
+        # a straight cable's Hessian is (I - ddᵀ)/ℓ by the difference of its ends
+        along, count = self.gradient[:, 1], len(self.length)
+        across = np.eye(3) - along[:, :, None] * along[:, None]
+        across /= np.maximum(self.length, SMALLEST)[:, None, None]
+        hessian = np.empty((count, 2, 3, 2, 3))
+        hessian[:, 0, :, 0] = hessian[:, 1, :, 1] = across
+        hessian[:, 0, :, 1] = hessian[:, 1, :, 0] = -across
+        found = Bends(hessian.reshape(count, 6, 6), np.zeros((count, 6)))
+        found.hessian[self.rows], found.turn[self.rows] = self.touching.bends()
+        return found
 
 
 def body_of(wrap: Wrap) -> tuple[RoundBody, np.ndarray]:
@@ -162,261 +199,300 @@ def body_of(wrap: Wrap) -> tuple[RoundBody, np.ndarray]:
     return RoundBody(wrap.radius, wrap.axis is None, side, wrap.inside), axes
 
 
-def course(body: RoundBody, a: np.ndarray, b: np.ndarray, *, bends: bool = False) -> Course:
-    """The course of a cable from a to b (3,), with second derivatives if it `bends`."""
-    axes = _plane_of(body, a, b)
-    d = (*(axes[:2] @ a).tolist(), *(axes[:2] @ b).tolist())
-    if body.inside:
-        found = _inside(d, body.radius)
-    else:
-        side = None if body.side is None else tuple((axes[:2] @ body.side).tolist())
-        found = _outside(d, side, body.radius)
-    if isinstance(found, Contact):
-        return _straight(found, a, b, bends)
-    second: Callable[[_Plane, Points, float], _Curved] = _bent if body.inside else _around
-    curved = second(found, d, body.radius) if bends else None
-    if body.sphere:
-        return _on_sphere(found, curved, axes)
-    return _on_cylinder(found, curved, float(a[2]), float(b[2]))
+def courses(bodies: RoundBodies, ends: np.ndarray) -> Courses:
+    """The courses of cables around bodies, each between two points `ends` (k, 2, 3)."""
+    axes, side = None, bodies.side
+    if len(bodies.spheres):
+        axes = _planes(bodies, ends)
+        side = (axes @ side[:, :, None])[..., 0]
+    placed = ends if axes is None else ends @ axes.transpose(0, 2, 1)
+    z, radius = _complex(placed), bodies.radius
+    distance = np.abs(z)
+    contact, sense = _ways_around(z, distance, _complex(side), radius)
+    inner, angle = bodies.inside, np.zeros(len(z))
+    if len(inner):
+        contact[inner], angle[inner] = _inner_bends(z[inner], distance[inner], radius[inner])
+    touches = contact >= CLOCKWISE
+    every = np.count_nonzero(touches) == len(z)
+    rows = slice(None) if every else np.flatnonzero(touches)
+    flat = _flat(
+        z[rows], distance[rows], radius[rows], sense[rows], contact[rows] == BENT, angle[rows]
+    )
+    touching = _Touching(
+        flat, bodies.sphere[rows], None if axes is None else axes[rows], placed[rows, :, 2]
+    )
+    if every:
+        return Courses(contact, touching.length, touching.gradient, touching.turn, rows, touching)
+    span, gradient, turn = ends[:, 1] - ends[:, 0], np.empty(ends.shape), np.zeros(len(z))
+    length = np.sqrt((span * span).sum(axis=1))
+    gradient[:, 1] = span / np.maximum(length, SMALLEST)[:, None]
+    gradient[:, 0] = -gradient[:, 1]
+    length[rows], gradient[rows], turn[rows] = touching.length, touching.gradient, touching.turn
+    return Courses(contact, length, gradient, turn, rows, touching)
 
 
-def _plane_of(body: RoundBody, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Axes (3, 3), as rows: two in the plane, and its normal."""
-    if not body.sphere:
-        return np.eye(3)
-    distance = math.sqrt(a @ a)
-    if distance < SMALLEST:
-        return np.eye(3)
-    first = a / distance
-    for other in (b, body.side, np.eye(3)[int(np.argmin(np.abs(first)))]):
-        if other is not None:
-            second = other - (other @ first) * first
-            size = math.sqrt(second @ second)
-            if size > NEAR * math.sqrt(other @ other) + SMALLEST:
-                break
-    (x, y, z), (u, v, w) = first.tolist(), (second / size).tolist()
-    return np.array(((x, y, z), (u, v, w), (y * w - z * v, z * u - x * w, x * v - y * u)))
+def _complex(x: np.ndarray) -> np.ndarray:
+    """The first two of the components (..., 3) as complex numbers."""
+    return np.ascontiguousarray(x[..., :2]).view(complex)[..., 0]
 
 
-def _straight(contact: Contact, a: np.ndarray, b: np.ndarray, bends: bool) -> Course:
-    span = b - a
-    length = math.sqrt(span @ span)
-    along = span / max(length, SMALLEST)
-    bend = None
-    if bends:
-        across = (np.eye(3) - np.outer(along, along)) / max(length, SMALLEST)
-        both = np.hstack((np.eye(3), -np.eye(3)))
-        bend = Bend(both.T @ across @ both, np.zeros(6))
-    return Course(contact, length, np.array((-along, along)), 0.0, None, bend)
+def _planes(bodies: RoundBodies, ends: np.ndarray) -> np.ndarray:
+    """Axes (k, 3, 3), as rows: two in each course's plane, and its normal."""
+    axes, rows = np.empty((len(ends), 3, 3)), bodies.spheres
+    axes[:] = np.eye(3)
+    a, b = ends[rows, 0], ends[rows, 1]
+    first = a / np.maximum(np.linalg.norm(a, axis=1), SMALLEST)[:, None]
+    beside = np.eye(3)[np.argmin(np.abs(first), axis=1)]
+    second = np.zeros(first.shape)
+    for other in (beside, bodies.side[rows], b):  # the last one that is not along a
+        across = other - (other * first).sum(axis=1)[:, None] * first
+        size = np.linalg.norm(across, axis=1)
+        apart = size > NEAR * np.linalg.norm(other, axis=1) + SMALLEST
+        second[apart] = across[apart] / size[apart, None]
+    axes[rows] = np.stack((first, second, np.cross(first, second)), axis=1)
+    return axes
 
 
 # -- in the plane ----------------------------------------------------------------------------------
 
 
-def _outside(d: Points, side: Pair | None, r: float) -> _Plane | Contact:
-    """Two tangents and an arc.
+def _ways_around(
+    z: np.ndarray, distance: np.ndarray, side: np.ndarray, r: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Contacts of cables outside their bodies, and 1 where they run counter-clockwise, else -1.
 
     The cable does not cross the ray from the centre away from `side`. If the straight line meets
     this ray, the cable goes the long way around. Else it is straight if it does not meet the
     circle, and goes the short way around if it does. It is straight, too, if an end is inside.
     """
-    ax, ay, bx, by = d
-    ra, rb = math.hypot(ax, ay), math.hypot(bx, by)
-    if min(ra, rb) < r * (1.0 - ON_RADIUS):
-        return Contact.ENTERED
-    dx, dy = bx - ax, by - ay
-    square = dx * dx + dy * dy
-    if square < SMALLEST:
-        return Contact.FREE
-    sense = 1.0 if ax * by - ay * bx >= 0.0 else -1.0  # of the short way
-    if side is not None and _opposite(d, side):
-        sense = -sense
-    else:
-        share = -(dx * ax + dy * ay) / square
-        nx, ny = ax + share * dx, ay + share * dy
-        # an end that is the nearest point may lie on the circle
-        if not 0.0 < share < 1.0 or nx * nx + ny * ny > r * r:
-            return Contact.FREE
-    ta, tb = math.sqrt(max(ra * ra - r * r, 0.0)), math.sqrt(max(rb * rb - r * r, 0.0))
-    turn = sense * (math.atan2(by, bx) - math.atan2(ay, ax)) - math.atan2(ta, r) - math.atan2(tb, r)
-    turn %= TURN
-    if turn > TURN - ON_RADIUS:  # below zero by rounding
-        turn = 0.0
-    gradient = (
-        (ta * ax + sense * r * ay) / ra**2, (ta * ay - sense * r * ax) / ra**2,
-        (tb * bx - sense * r * by) / rb**2, (tb * by + sense * r * bx) / rb**2,
-    )  # fmt: skip
-    points = (
-        ax - ta * gradient[0], ay - ta * gradient[1], bx - tb * gradient[2], by - tb * gradient[3],
-    )  # fmt: skip
-    contact = Contact.COUNTER if sense > 0 else Contact.CLOCKWISE
-    return _Plane(contact, ta, tb, r * turn, turn, points, gradient)
+    a, b = z[:, 0], z[:, 1]
+    short = np.copysign(1.0, (a.conj() * b).imag)
+    long = (short * (side.conj() * a).imag > 0.0) & (short * (b.conj() * side).imag > 0.0)
+    span = b - a
+    square = np.abs(span) ** 2
+    share = -(span.conj() * a).real / np.maximum(square, SMALLEST)
+    # an end that is the nearest point may lie on the circle
+    meets = (share > 0.0) & (share < 1.0) & (np.abs(a + share * span) <= r)
+    sense = np.where(long, -short, short)
+    contact = (sense > 0.0) + CLOCKWISE
+    contact[~(long | meets) | (square < SMALLEST)] = FREE
+    contact[np.minimum(distance[:, 0], distance[:, 1]) < r * (1.0 - ON_RADIUS)] = ENTERED
+    return contact, sense
 
 
-def _opposite(d: Points, side: Pair) -> bool:
-    """Whether the ray from the centre away from the side meets the line from a to b."""
-    ax, ay, bx, by = d
-    sense = 1.0 if ax * by - ay * bx >= 0.0 else -1.0
-    first, last = side[0] * ay - side[1] * ax, bx * side[1] - by * side[0]
-    return first * sense > 0.0 and last * sense > 0.0
+def _inner_bends(
+    z: np.ndarray, distance: np.ndarray, r: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Contacts of cables inside their bodies, and the angles from a where they bend.
 
-
-def _around(plane: _Plane, d: Points, r: float) -> _Curved:
-    """Second derivatives of a course outside."""
-    sense = 1.0 if plane.contact is Contact.COUNTER else -1.0
-    hessian, turn, normal = np.zeros((4, 4)), np.zeros(4), np.zeros((2, 2))
-    for k, (t, s) in enumerate(((plane.before, -sense), (plane.behind, sense))):
-        x, y, u, w = *d[2 * k : 2 * k + 2], *plane.gradient[2 * k : 2 * k + 2]
-        t = max(t, NEAR * r)
-        square = x * x + y * y
-        hessian[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = (
-            np.array(((w * w, -u * w), (-u * w, u * u))) / t
-        )
-        turn[2 * k : 2 * k + 2] = (-r * x / t - s * y) / square, (-r * y / t + s * x) / square
-        normal[k, k] = t / square
-    cross, dot = d[0] * d[3] - d[1] * d[2], d[0] * d[2] + d[1] * d[3]
-    sine = max(cross / math.hypot(cross, dot), FLAT)
-    ra, rb = math.hypot(*d[:2]), math.hypot(*d[2:])
-    cotangent = dot / (ra * rb) / sine
-    normal += (
-        sense
-        * r
-        * np.array(
-            (
-                (cotangent / ra**2, -1.0 / (sine * ra * rb)),
-                (-1.0 / (sine * ra * rb), cotangent / rb**2),
-            )
-        )
-    )
-    return _Curved(hessian, normal, turn)
-
-
-def _inside(d: Points, r: float) -> _Plane | Contact:
-    """One bend at the point of the circle that gives the shortest path.
-
-    The path's derivative by the point's angle rises between the points where the tangents from a
-    and b touch, so that Newton's method within these bounds finds its zero.
+    The path's derivative by the angle of its point on the circle rises between the points where the
+    tangents from a and b touch, so that Newton's method within these bounds finds its zero.
     """
-    ax, ay, bx, by = d
-    ra, rb = math.hypot(ax, ay), math.hypot(bx, by)
-    if min(ra, rb) <= r:
-        return Contact.ENTERED
-    cross, dot = ax * by - ay * bx, ax * bx + ay * by
-    gamma, s = math.atan2(abs(cross), dot), math.copysign(1.0, cross)
-    low = max(0.0, gamma - math.acos(r / rb))
-    high = min(gamma, math.acos(r / ra))
-    if low >= high and gamma > 0:
-        return Contact.FREE  # the line meets the circle
-    x = low + (high - low) * rb / (ra + rb) if ra > rb else high - (high - low) * ra / (ra + rb)
-    for _ in range(60):
-        (first, second), (other, bends) = _slopes(ra, r, x), _slopes(rb, r, gamma - x)
-        value, slope = first - other, second + bends
-        low, high = (x, high) if value < 0 else (low, x)
-        step = x - value / slope if slope > 0 else low
-        new = step if low < step < high else (low + high) / 2
-        if abs(new - x) <= 1e-16 * (1.0 + gamma):
+    gamma = np.abs(np.angle(z[:, 1] * z[:, 0].conj()))
+    open_ = np.arccos(np.minimum(r[:, None] / np.maximum(distance, SMALLEST), 1.0))
+    low, high = np.maximum(0.0, gamma - open_[:, 1]), np.minimum(gamma, open_[:, 0])
+    entered = distance.min(axis=1) <= r
+    straight = (low >= high) & (gamma > 0)  # the line meets the circle
+    contact = np.where(straight, FREE, BENT)
+    contact[entered] = ENTERED
+    bent = np.flatnonzero(contact == BENT)
+    found = np.zeros(len(z))
+    if len(bent):
+        found[bent] = _shortest(distance[bent], r[bent, None], gamma[bent], low[bent], high[bent])
+    return contact, found
+
+
+def _shortest(
+    distance: np.ndarray, r: np.ndarray, gamma: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """The angles within bounds at which the paths over the circle are shortest."""
+    shares = distance / distance.sum(axis=1)[:, None]
+    x = low + (high - low) * shares[:, 1]
+    for _ in range(ITERATIONS):
+        angles = np.stack((x, gamma - x), axis=1)
+        across, along = distance * r * np.sin(angles), distance * r * np.cos(angles)
+        ways = np.sqrt(distance**2 + r**2 - 2.0 * along)
+        slopes = across / ways
+        value = slopes[:, 0] - slopes[:, 1]
+        slope = ((along - slopes**2) / ways).sum(axis=1)
+        low, high = np.where(value < 0, x, low), np.where(value < 0, high, x)
+        new = x - value / np.where(slope > 0, slope, np.inf)
+        new = np.where((slope > 0) & (low < new) & (new < high), new, (low + high) / 2)
+        moved, x = np.abs(new - x), new
+        if (moved <= 1e-16 * (1.0 + gamma)).all():
             break
-        x = new
-    ux, uy = ax / ra, ay / ra
-    cosine, sine = math.cos(x), s * math.sin(x)
-    px, py = r * (cosine * ux - sine * uy), r * (sine * ux + cosine * uy)
-    before, behind = math.hypot(ax - px, ay - py), math.hypot(bx - px, by - py)
-    ga = (ax - px) / before, (ay - py) / before
-    gb = (bx - px) / behind, (by - py) / behind
-    turn = 2.0 * math.atan2(
-        math.hypot(ga[0] + gb[0], ga[1] + gb[1]), math.hypot(ga[0] - gb[0], ga[1] - gb[1])
-    )
-    return _Plane(Contact.BENT, before, behind, 0.0, turn, (px, py, px, py), (*ga, *gb))
+    return x
 
 
-def _slopes(distance: float, r: float, angle: float) -> Pair:
-    """First and second derivative of the way to the circle's point at an angle, by the angle."""
-    across = distance * r * math.sin(angle)
-    along = distance * r * math.cos(angle)
-    length = math.sqrt(distance * distance + r * r - 2.0 * along)
-    slope = across / length
-    return slope, (along - slope * slope) / length
+class _Flat(NamedTuple):
+    """Courses in the plane that touch their bodies.
+
+    Attributes
+    ----------
+    z, distance : ndarray, (k, 2)
+        The points, and their distances from the centre.
+    radius, sense : ndarray, (k,)
+        Radii; 1 for a course outside that is counter-clockwise, else -1.
+    bent : ndarray of bool, (k,)
+        Whether it bends inside.
+    straight, tangents : ndarray, (k, 2)
+        Straight pieces, and their directions away from the body.
+    turn, length : ndarray, (k,)
+        Turns along the circle (rad), and whole lengths.
+    """
+
+    z: np.ndarray
+    distance: np.ndarray
+    radius: np.ndarray
+    sense: np.ndarray
+    bent: np.ndarray
+    straight: np.ndarray
+    tangents: np.ndarray
+    turn: np.ndarray
+    length: np.ndarray
+
+    @property
+    def touches(self) -> np.ndarray:
+        """The points (k, 2) where they meet and leave the circles."""
+        return self.z - self.straight * self.tangents
 
 
-def _bent(plane: _Plane, d: Points, r: float) -> _Curved:
-    """Second derivatives of a course inside."""
-    p = np.array(plane.points[:2])
-    along = np.array((-p[1], p[0]))  # ∂p/∂θ
-    hessian, mixed, turning = np.zeros((4, 4)), np.zeros(4), np.zeros(4)
-    ways = np.array((plane.before, plane.behind))
-    twice, outwards = 0.0, 0.0
-    for k, way in enumerate(ways):
-        here = slice(2 * k, 2 * k + 2)
-        u = np.array(plane.gradient[here])
-        across = np.array((-u[1], u[0]))
-        hessian[here, here] = np.outer(across, across) / way
-        mixed[here] = -across * (across @ along) / way
-        turning[here] = across / way
-        twice += (across @ along) ** 2 / way
-        outwards += float(u @ p)
-    twice += outwards
-    moved = -mixed / max(twice, NEAR * r)  # ∂θ by both points
-    hessian += np.outer(mixed, moved)
-    # the angle from the direction of a to that of b, and the turn that is left of π
-    rates = []
-    for k in (0, 1):
-        here = slice(2 * k, 2 * k + 2)
-        own = np.zeros(4)
-        own[here] = turning[here]
-        rates.append(own - float(turning[here] @ along) * moved)
-    ux, uy, wx, wy = plane.gradient
-    opens = math.copysign(1.0, ux * wy - uy * wx)
-    sums = outwards + r * r * float((1.0 / ways).sum())
-    normal = np.diag(1.0 / ways) - r * r / max(sums, NEAR * r) * np.outer(1.0 / ways, 1.0 / ways)
-    return _Curved(hessian, normal, -opens * (rates[1] - rates[0]))
+def _flat(
+    z: np.ndarray, distance: np.ndarray, r: np.ndarray, sense: np.ndarray, bent: np.ndarray,
+    angle: np.ndarray,
+) -> _Flat:  # fmt: skip
+    """The courses around circles, or bent at an angle from the first point."""
+    radii = r[:, None]
+    straight = np.sqrt(np.maximum(distance**2 - radii**2, 0.0))
+    tangents = (straight - 1j * ((r * sense)[:, None] * ENDS)) / z.conj()
+    between, open_ = np.angle(z[:, 1] * z[:, 0].conj()), np.arctan2(straight, radii)
+    turn = (sense * between - open_[:, 0] - open_[:, 1]) % TURN
+    turn[turn > TURN - ON_RADIUS] = 0.0  # below zero by rounding
+    if np.count_nonzero(bent):
+        here = z[bent]
+        way = np.where(between[bent] < 0.0, -1.0, 1.0) * angle[bent]
+        point = r[bent] * np.exp(1j * way) * here[:, 0] / distance[bent, 0]
+        off = here - point[:, None]
+        straight[bent] = np.abs(off)
+        tangents[bent] = off / straight[bent]
+        turn[bent] = 0.0
+    length = straight[:, 0] + straight[:, 1] + r * turn
+    return _Flat(z, distance, r, sense, bent, straight, tangents, turn, length)
 
 
 # -- in space --------------------------------------------------------------------------------------
 
 
-def _on_sphere(plane: _Plane, curved: _Curved | None, axes: np.ndarray) -> Course:
-    flat = axes[:2]
-    gradient = np.reshape(plane.gradient, (2, 2)) @ flat
-    points = np.reshape(plane.points, (2, 2)) @ flat
-    bend = None
-    if curved is not None:
-        both, beside = _of_both(flat), _of_both(axes[2:])
-        hessian = both.T @ curved.hessian @ both + beside.T @ curved.normal @ beside
-        bend = Bend(hessian, curved.turn @ both)
-    return Course(plane.contact, plane.length, gradient, plane.turn, points, bend)
+class _Touching:
+    """Courses in space that touch their bodies; attributes as in `Courses`.
+
+    Parameters
+    ----------
+    flat : _Flat
+        The courses in their planes.
+    sphere : ndarray of bool, (k,)
+        Whether the bodies are spheres.
+    axes : ndarray, (k, 3, 3), or None
+        Rows: two axes of each plane, and its normal; None if all are those of the bodies.
+    heights : ndarray, (k, 2)
+        Heights of the points above the planes; zero at a sphere.
+    """
+
+    def __init__(
+        self, flat: _Flat, sphere: np.ndarray, axes: np.ndarray | None, heights: np.ndarray
+    ) -> None:
+        self._flat, self._sphere, self._axes, self._heights = flat, sphere, axes, heights
+        self._rise = heights[:, 1] - heights[:, 0]
+        self.length = np.hypot(flat.length, self._rise)
+        self._cosine, self._sine = flat.length / self.length, self._rise / self.length
+        self.gradient = self._in_space(
+            self._cosine[:, None] * flat.tangents, -self._sine[:, None] * ENDS
+        )
+        self.turn = self._cosine * flat.turn
+        self._bent = np.count_nonzero(flat.bent) > 0
+        if self._bent:
+            one, other = self.gradient[flat.bent].transpose(1, 0, 2)
+            apart, along = (np.linalg.norm(x, axis=1) for x in (one + other, one - other))
+            self.turn[flat.bent] = 2.0 * np.arctan2(apart, along)
+
+    def points(self, count: int) -> np.ndarray:
+        """Points (k, count, 3) from where they meet to where they leave the bodies."""
+        flat, shares = self._flat, np.linspace(0.0, 1.0, count)
+        slope = self._rise / flat.length
+        heights = self._heights[:, 0] + slope * flat.straight[:, 0]
+        climb, angle = slope * flat.radius * flat.turn, flat.sense * flat.turn
+        return self._in_space(
+            flat.touches[:, :1] * np.exp(1j * angle[:, None] * shares),
+            heights[:, None] + climb[:, None] * shares,
+        )
+
+    def bends(self) -> tuple[np.ndarray, np.ndarray]:
+        """The fields of `Bends`."""
+        flat, count, level = self._flat, len(self.length), np.zeros((len(self.length), 2))
+        cosine, sine = self._cosine[:, None], self._sine[:, None]
+        ways = np.maximum(flat.straight, NEAR * flat.radius[:, None])
+        normals = self._in_space(1j * flat.tangents, level)
+        blocks = np.zeros((count, 2, 3, 2, 3))
+        for end in (0, 1):
+            blocks[:, end, :, end] = _squares(normals[:, end]) / ways[:, end, None, None]
+        hessian = blocks.reshape(count, 6, 6)
+        if self._bent:
+            hessian[flat.bent] -= self._relief(normals[flat.bent], ways[flat.bent])
+        across = self._in_space(sine * flat.tangents, cosine * ENDS).reshape(count, 6)
+        rising = _squares(across) / self.length[:, None, None]
+        if self._axes is not None:
+            beside = self._beside(ways)[self._sphere]
+            normal = _squares(self._axes[self._sphere, 2])
+            turning = beside[:, :, None, :, None] * normal[:, None, :, None]
+            rising[self._sphere] = turning.reshape(-1, 6, 6)
+        hessian *= cosine[:, :, None]
+        hessian += rising
+        sense = flat.sense[:, None] * ENDS
+        by_turn = -(flat.radius[:, None] / ways + 1j * sense) * flat.z / flat.distance**2
+        turn = cosine * self._in_space(by_turn, level).reshape(count, 6)
+        turn += (sine * flat.turn[:, None] / self.length[:, None]) * across
+        if self._bent:  # from the cosine of the angle between the directions
+            other = self.gradient[flat.bent, ::-1].reshape(-1, 1, 6)
+            change = (other @ hessian[flat.bent])[:, 0]
+            turn[flat.bent] = change / np.maximum(np.sin(self.turn[flat.bent]), NEAR)[:, None]
+        return hessian, turn
+
+    def _relief(self, normals: np.ndarray, ways: np.ndarray) -> np.ndarray:
+        """P_xθ P_θx/P_θθ (k, 6, 6) of the courses that bend, from their normals and ways."""
+        flat, bent = self._flat, self._flat.bent
+        lever = (flat.tangents[bent].conj() * flat.touches[bent]).real
+        mixed = (normals * (lever / ways)[:, :, None]).reshape(-1, 6)
+        twice = (lever**2 / ways + lever).sum(axis=1)
+        twice = np.maximum(twice, NEAR * flat.radius[bent])
+        found: np.ndarray = _squares(mixed) / twice[:, None, None]
+        return found
+
+    def _beside(self, ways: np.ndarray) -> np.ndarray:
+        """Second derivatives (k, 2, 2) of the lengths by both points normal to the plane."""
+        flat, r = self._flat, self._flat.radius
+        found = np.zeros((len(r), 2, 2))
+        product = flat.z[:, 1] * flat.z[:, 0].conj() / flat.distance.prod(axis=1)
+        lean = flat.sense * r / np.maximum(product.imag, FLAT)
+        for end in (0, 1):
+            t, square = flat.straight[:, end], flat.distance[:, end] ** 2
+            found[:, end, end] = (t + lean * product.real) / square
+        found[:, 0, 1] = found[:, 1, 0] = -lean / flat.distance.prod(axis=1)
+        if self._bent:
+            bent, shares = flat.bent, 1.0 / ways[flat.bent]
+            lever = (flat.tangents[bent].conj() * flat.touches[bent]).real.sum(axis=1)
+            square = r[bent] ** 2
+            sums = np.maximum(lever + square * shares.sum(axis=1), NEAR * r[bent])
+            found[bent] = shares[:, :, None] * np.eye(2)
+            found[bent] -= (square / sums)[:, None, None] * _squares(shares)
+        return found
+
+    def _in_space(self, flat: np.ndarray, up: np.ndarray) -> np.ndarray:
+        """Vectors (k, n, 3) from their parts in the plane and normal to it (k, n)."""
+        found = np.empty((*up.shape, 3))
+        found[..., 0], found[..., 1], found[..., 2] = flat.real, flat.imag, up
+        return found if self._axes is None else found @ self._axes
 
 
-def _of_both(rows: np.ndarray) -> np.ndarray:
-    """The matrix (2 k, 6) that takes components (k, 3) of both points."""
-    k = len(rows)
-    found = np.zeros((2 * k, 6))
-    found[:k, :3] = found[k:, 3:] = rows
-    return found
-
-
-def _on_cylinder(plane: _Plane, curved: _Curved | None, low: float, high: float) -> Course:
-    way, rise = plane.length, high - low
-    length = math.hypot(way, rise)
-    cosine, sine = way / length, rise / length
-    first = np.array((*plane.gradient[:2], 0.0, *plane.gradient[2:], 0.0))
-    up = np.array((0.0, 0.0, -1.0, 0.0, 0.0, 1.0))
-    gradient = cosine * first + sine * up
-    inside = plane.contact is Contact.BENT
-    half = cosine * math.sin(plane.turn / 2)
-    turn = 2.0 * math.asin(min(half, 1.0)) if inside else cosine * plane.turn
-    heights = (low + rise * plane.before / way, high - rise * plane.behind / way)
-    points = np.column_stack((np.reshape(plane.points, (2, 2)), heights))
-    bend = None
-    if curved is not None:
-        both = _of_both(np.eye(2, 3))
-        across = sine * first - cosine * up
-        hessian = cosine * (both.T @ curved.hessian @ both) + np.outer(across, across) / length
-        steeper = sine * across / length  # the gradient of the cosine
-        if inside:
-            change = steeper * math.sin(plane.turn / 2)
-            change += cosine * math.cos(plane.turn / 2) / 2 * (curved.turn @ both)
-            change *= 2.0 / math.sqrt(max(1.0 - half * half, SMALLEST))
-        else:
-            change = steeper * plane.turn + cosine * (curved.turn @ both)
-        bend = Bend(hessian, change)
-    return Course(plane.contact, length, gradient.reshape(2, 3), turn, points, bend)
+def _squares(x: np.ndarray) -> np.ndarray:
+    """The matrices x xᵀ (k, n, n) of vectors (k, n)."""
+    return x[:, :, None] * x[:, None]

@@ -31,6 +31,7 @@ import numpy as np
 from softdyn.checks import number
 from softdyn.description.rig import LONGEST_DELAY, Sensor, SensorKind
 from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.winches import Winches
 from softdyn.estimation.covariance import kept_rows
 from softdyn.sensing import Sensors
 
@@ -107,16 +108,18 @@ class SensorChannel:
         return new
 
     def expect(
-        self, q: np.ndarray, v: np.ndarray, u: np.ndarray, P: np.ndarray
-    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
+        self, q: np.ndarray, v: np.ndarray, u: np.ndarray, P: np.ndarray,
+        winches: Winches | None = None,
+    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:  # fmt: skip
         """The readings with their Jacobian at (q, v, u), their known errors and variances.
 
-        They have the nonlinear parts of `second_order` for P (s, s).
+        They have the nonlinear parts of `second_order` for P (s, s). With `winches` u are their
+        commands.
         """
-        predicted = self.sensors.predict(q, v, u)
+        predicted = self.sensors.predict(q, v, u, winches)
         if self.linear or sharp(predicted[1], P, self.variance):
             return predicted, self.bias, self.variance
-        shift, variance = second_order(self.sensors, (q, v, u), P, self.variance)
+        shift, variance = second_order(self.sensors, (q, v, u, winches), P, self.variance)
         return predicted, self.bias + shift, variance
 
     def errors(self, predicted: np.ndarray, given: np.ndarray) -> np.ndarray:
@@ -134,16 +137,18 @@ class SensorChannel:
     def waits(self, begin: float, end: float, stamped: bool = False) -> Iterator[float]:
         """Own times in (begin, end] of readings that arrive later than that, in steps so long.
 
-        Stamped readings may belong to any time, so that one prediction in each step waits.
+        Stamped readings may belong to any time, so that one prediction in each step waits: that of
+        its end, because it needs no step of its own.
         """
-        for own in self._late(begin, end, 0.0 if stamped else self.rate):
+        at_end = (end,) if self.latency > 0 and end > begin else ()
+        for own in at_end if stamped else self._late(begin, end):
             if own >= self.newest + self.apart:
                 self.newest = own
                 yield own
 
-    def _late(self, begin: float, end: float, rate: float) -> Iterator[float]:
-        """The same for readings that are any time apart."""
-        step = end - begin
+    def _late(self, begin: float, end: float) -> Iterator[float]:
+        """The same for readings without stamps that are any time apart."""
+        step, rate = end - begin, self.rate
         if step == 0:  # the length of the next step is not known
             number = round(end * rate)
             if self.latency > 0 and rate > 0 and abs(number - end * rate) <= SAME:
@@ -314,7 +319,7 @@ def sensor_channels(model: SoftModel, sensors: tuple[Sensor, ...]) -> list[Senso
 
 def second_order(
     sensors: Sensors,
-    state: tuple[np.ndarray, np.ndarray, np.ndarray],
+    state: tuple[np.ndarray, np.ndarray, np.ndarray, Winches | None],
     P: np.ndarray,
     variance: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -324,8 +329,8 @@ def second_order(
     ----------
     sensors : Sensors
         They evaluate the readings.
-    state : (ndarray, ndarray, ndarray)
-        q (nq,), v (nv,) and u (nu,).
+    state : (ndarray, ndarray, ndarray, Winches or None)
+        The arguments of `Sensors.predict`.
     P : ndarray, (s, s)
         Covariance of the errors, those of q first.
     variance : ndarray, (k,)

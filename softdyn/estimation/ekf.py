@@ -15,6 +15,7 @@ from softdyn.description.rig import Sensor
 from softdyn.dynamics.balance import Disturbance, ForceBalance
 from softdyn.dynamics.implicit_step import ImplicitStep
 from softdyn.dynamics.model import SoftModel, check_model
+from softdyn.dynamics.winches import Winches
 from softdyn.estimation.arrivals import (
     MATCH,
     SAME,
@@ -133,6 +134,8 @@ class Ekf(Separate):
         self._channels = sensor_channels(model, tuple(chosen))
         self._step = ImplicitStep(model, ForceBalance(model, self.disturbances))
         self._drives = Drives.of(model)
+        wound = any(actuator.is_winch for actuator in model.robot.actuators)
+        self._winches = Winches(model) if wound else None
         q, v = (model.q0, np.zeros(model.nv)) if start is None else start
         self._plain = model.nq == model.nv
         self._start = array("start[0]", q, (model.nq,)), array("start[1]", v, (model.nv,))
@@ -355,11 +358,22 @@ class Ekf(Separate):
         self._inputs[:] = found.inputs
         return True
 
+    def _expect(
+        self, channel: SensorChannel
+    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
+        """What `SensorChannel.expect` says now.
+
+        Tensions and accelerations under winches change with the state, at the commands that act
+        now. The mean inputs of a step are not enough: stiff cables make much of little.
+        """
+        u, winches = self._inputs, None
+        if self._winches is not None and channel.sensors.feels_inputs:
+            u, winches = self._drives.commands, self._winches
+        return channel.expect(self._q, self._v, u, self._P, winches)
+
     def _append(self, channel: SensorChannel, own: float) -> None:
         """Append the predicted readings at their own time to the errors."""
-        (values, jacobian), change, variance = channel.expect(
-            self._q, self._v, self._inputs, self._P
-        )
+        (values, jacobian), change, variance = self._expect(channel)
         self._late.add(LateReading(channel, own, values.copy(), change.copy(), variance))
         self._P = append(self._P, jacobian)
 
@@ -396,9 +410,7 @@ class Ekf(Separate):
             self._count("unmatched", good)
             return None
         if after is None:
-            (values, jacobian), change, variance = channel.expect(
-                self._q, self._v, self._inputs, self._P
-            )
+            (values, jacobian), change, variance = self._expect(channel)
             values, time = values.copy(), t
             rows = np.zeros((len(values), size))
             rows[:, : 2 * n] = jacobian
@@ -448,9 +460,7 @@ class Ekf(Separate):
                 self._count("unmatched", good)
                 continue
             else:
-                (values, rows), change, variance = channel.expect(
-                    self._q, self._v, self._inputs, self._P
-                )
+                (values, rows), change, variance = self._expect(channel)
             error = channel.errors(values, given)
             error -= change
             parts.append((channel, rows, error, variance))

@@ -195,7 +195,7 @@ def neighbours_of(
     """A model for each unknown from which the robot is made, for one-sided differences."""
     found = []
     for k, unknown in enumerate(unknowns):
-        if unknown.kind.maker is not None:
+        if unknown.kind.differs:
             shift = DIFFERENCE * max(abs(theta[k]), DIFFERENCE * unknown.scale)
             there = theta.copy()
             there[k] += shift

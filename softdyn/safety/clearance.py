@@ -52,11 +52,25 @@ class Values(NamedTuple):
 
 
 class Motions(NamedTuple):
-    """Motions of bodies at a State, their centres (k, 3) and bounds of their speeds (k,)."""
+    """Motions of k bodies at a State.
 
-    each: list[LinkMotion]
-    centres: np.ndarray
+    Attributes
+    ----------
+    each : LinkMotion
+        The motions of their centres; every array has one more axis, the first.
+    axes : ndarray, (k, 3, 3)
+        Rotations of their own frames in the world.
+    speeds : ndarray, (k,)
+        Bounds of the speeds of their points.
+    """
+
+    each: LinkMotion
+    axes: np.ndarray
     speeds: np.ndarray
+
+    def of(self, i: int) -> LinkMotion:
+        """The motion of one body."""
+        return LinkMotion(*(part[i] for part in self.each))
 
 
 class Bodies:
@@ -67,14 +81,21 @@ class Bodies:
     model : SoftModel
         The robot.
     solids : sequence of Solid
-        Bodies of links; those of the link `TIP` are at the tip.
+        Bodies of links, or one body at the tip, whose link is `TIP`.
+
+    Raises
+    ------
+    InputError
+        For a link that the robot does not have.
     """
 
     def __init__(self, model: SoftModel, solids: Sequence[Solid]) -> None:
         self._model = model
         self.solids, self._kinematics = tuple(solids), LinkKinematics.of(model)
-        self._points = [tuple(solid.centre.tolist()) for solid in solids]
+        self._own = np.array([solid.rotation for solid in solids])
         self.radii = np.array([solid.radius for solid in solids])
+        frames = [(str(solid.link), tuple(solid.centre.tolist())) for solid in solids]
+        self._places = None if frames[0][0] == TIP else self._kinematics.places(frames)
         self._last = threading.local()
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -84,23 +105,21 @@ class Bodies:
         """The motions at this State."""
         last = self._last
         if getattr(last, "state", None) is not state:
-            each = [self._motion(state, k) for k in range(len(self.solids))]
-            velocities = np.array([motion.velocity for motion in each])
-            linear, turn = velocities[:, :3], velocities[:, 3:]
+            each = self._motions(state)
+            linear, turn = each.velocity[:, :3], each.velocity[:, 3:]
             speeds = np.sqrt((linear**2).sum(axis=1)) + self.radii * np.sqrt((turn**2).sum(axis=1))
-            centres = np.array([motion.position for motion in each])
-            last.motions, last.state = Motions(each, centres, speeds), state
+            last.motions, last.state = Motions(each, each.rotation @ self._own, speeds), state
         found: Motions = last.motions
         return found
 
-    def _motion(self, state: State, k: int) -> LinkMotion:
-        link = self.solids[k].link
-        if link == TIP:
-            zero = np.zeros((3, len(state.v)))
-            velocity = np.concatenate((state.ydot, np.zeros(3)))
-            drift = np.concatenate((state.Jdot @ state.v, np.zeros(3)))
-            return LinkMotion(np.eye(3), state.y, np.vstack((state.J, zero)), velocity, drift)
-        return self._kinematics(state, str(link), self._points[k])
+    def _motions(self, state: State) -> LinkMotion:
+        if self._places is not None:
+            return self._kinematics.motions(state, self._places)
+        zero = np.zeros((3, len(state.v)))
+        velocity = np.concatenate((state.ydot, np.zeros(3)))
+        drift = np.concatenate((state.Jdot @ state.v, np.zeros(3)))
+        tip = np.eye(3), state.y, np.vstack((state.J, zero)), velocity, drift
+        return LinkMotion(*(part[None] for part in tip))
 
 
 class Clearance:
@@ -127,9 +146,9 @@ class Clearance:
         """
         motions = self._bodies(state)
         closing = motions.speeds[self._pairs].sum(axis=1)
-        least = self._least(motions.centres)
+        least = self._least(motions.each.position)
         near = np.flatnonzero(least <= np.maximum(reach, 2 / rate * closing)).tolist()
-        parts = [self._rows(k, motions.each, state.v) for k in near]
+        parts = [self._rows(k, motions, state.v) for k in near]
         if not parts:
             return Values(np.empty(0), np.empty((0, len(state.v))), np.empty(0), np.empty(0))
         b, G, drift = (np.concatenate(same) for same in zip(*parts, strict=True))
@@ -139,41 +158,40 @@ class Clearance:
     def smallest(self, state: State) -> float:
         """The smallest of all distances (m)."""
         motions, found = self._bodies(state), np.inf
-        least = self._least(motions.centres)
+        least = self._least(motions.each.position)
         for k in np.argsort(least).tolist():
             if least[k] >= found:
                 break
-            found = min(found, nearest(*self._placed(k, motions.each)).distance)
+            found = min(found, nearest(*self._placed(k, motions)).distance)
         return found
 
     def _rows(
-        self, k: int, motions: Sequence[LinkMotion], v: np.ndarray
+        self, k: int, motions: Motions, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Heights, gradients and drifts of a pair's points."""
         pair = self._placed(k, motions)
         d, n = nearest(*pair)
         solid, rotation, centre = pair[0]
         points = solid.extremes(rotation.T @ n) @ rotation.T + centre
-        height = points @ n
-        G, drift = _along(n, points, motions[self._pairs[k, 0]])
+        height, moved = points @ n, motions.of(self._pairs[k, 0])
+        G, drift = _along(n, points, moved)
         if self._world is None:
-            other = motions[self._pairs[k, 1]]
+            other = motions.of(self._pairs[k, 1])
             own, their = _along(n, points, other)
             G, drift = G - own, drift - their
             turned = _cross(other.velocity[3:], n)
-            for sign, moved in ((2.0, motions[self._pairs[k, 0]]), (-2.0, other)):
-                drift = drift + sign * (_along(turned, points, moved)[0] @ v)
+            for sign, one in ((2.0, moved), (-2.0, other)):
+                drift = drift + sign * (_along(turned, points, one)[0] @ v)
         elif len(points) == 1 and not pair[1][0].half.any():
-            across = motions[self._pairs[k, 0]].velocity[:3]
+            across = moved.velocity[:3]
             across = across - (n @ across) * n
             drift = drift + across @ across / (d + solid.swept + pair[1][0].swept)
         return d + height - height.min(), G, drift
 
-    def _placed(self, k: int, motions: Sequence[LinkMotion]) -> list[Placed]:
+    def _placed(self, k: int, motions: Motions) -> list[Placed]:
         """The bodies of a pair in the world."""
-        solids = self._bodies.solids
         found: list[Placed] = [
-            (solids[i], motions[i].rotation @ solids[i].rotation, motions[i].position)
+            (self._bodies.solids[i], motions.axes[i], motions.each.position[i])
             for i in self._pairs[k].tolist()
         ]
         world = self._world
@@ -192,7 +210,8 @@ class Clearance:
 def _along(n: np.ndarray, points: np.ndarray, moved: LinkMotion) -> tuple[np.ndarray, np.ndarray]:
     """n · J (k, dof) and n · J̇ q̇ (k,) at points (k, 3) of a body, from its centre's motion."""
     arms, turn = points - moved.position, moved.velocity[3:]
-    both = np.column_stack((np.broadcast_to(n, arms.shape), _cross(arms, n)))
+    both = np.empty((len(arms), 6))
+    both[:, :3], both[:, 3:] = n, _cross(arms, n)
     return both @ moved.jacobian, both @ moved.drift + (arms @ turn) * (turn @ n) - (
         turn @ turn
     ) * (arms @ n)
@@ -200,5 +219,8 @@ def _along(n: np.ndarray, points: np.ndarray, moved: LinkMotion) -> tuple[np.nda
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a × b for the last axes; NumPy's own takes ten times as long."""
+    product = np.empty(a.shape)
     x, y, z = a[..., 0], a[..., 1], a[..., 2]
-    return np.stack((y * b[2] - z * b[1], z * b[0] - x * b[2], x * b[1] - y * b[0]), axis=-1)
+    product[..., 0], product[..., 1] = y * b[2] - z * b[1], z * b[0] - x * b[2]
+    product[..., 2] = x * b[1] - y * b[0]
+    return product

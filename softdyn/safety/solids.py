@@ -78,8 +78,10 @@ class Solid:
         side = math.hypot(normal[0], normal[1])
         u, v = (normal[:2] / side).tolist() if side > 0 else (1.0, 0.0)
         r, _, h = self.half.tolist()
-        rim = r * np.array(((u, v), (-u, -v), (v, -u), (-v, u)))
-        return np.column_stack((np.tile(rim, (2, 1)), np.repeat((-h, h), 4)))
+        points = np.empty((8, 3))
+        points[:4, :2] = points[4:, :2] = r * np.array(((u, v), (-u, -v), (v, -u), (-v, u)))
+        points[:4, 2], points[4:, 2] = -h, h
+        return points
 
     @cached_property
     def _box(self) -> np.ndarray:

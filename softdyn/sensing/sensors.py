@@ -31,6 +31,7 @@ from softdyn.dynamics.model import SoftModel, State, check_model, check_state, t
 from softdyn.dynamics.points import BodyPoint, PointMotion
 from softdyn.dynamics.projection import Projection, project, underlying_tree
 from softdyn.dynamics.tree import TreeModel
+from softdyn.dynamics.winches import Winches
 from softdyn.exceptions import InputError
 from softdyn.sensing.measurement import Components, Measurement
 
@@ -125,12 +126,32 @@ class Sensors:
         at = self._moment(state.q, state.v, vector("u", u, model.nu), state)
         return Measurement(*self._read(at), self.components)
 
-    def predict(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    @property
+    def feels_inputs(self) -> bool:
+        """Whether a reading depends on the inputs: a tension or an acceleration."""
+        return self._accelerates or SensorKind.TENSION in self._kinds
+
+    def predict(
+        self, q: np.ndarray, v: np.ndarray, u: np.ndarray, winches: Winches | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """The readings (k,) at q (nq,), v (nv,) and u (nu,), and their Jacobian (k, 2 nv).
 
-        It needs no `State`, and does not check its arguments.
+        With `winches` u are their commands, so that the inputs change with q and v. It needs no
+        `State`, and does not check its arguments.
         """
-        return self._read(self._moment(q, v, u))[:2]
+        at = self._moment(q, v, u)
+        if winches is None:
+            return self._read(at)[:2]
+        lengths, arms = at.cables
+        motors = winches.inputs(lengths, arms @ v, u)
+        at.u = motors.u
+        values, jacobian, by_u = self._read(at)
+        n, pulled, slow = self.model.nv, arms[winches.tendon], motors.by_rate[:, None]
+        jacobian[:, :n] += by_u @ (motors.by_length[:, None] * pulled)
+        if slow.any():
+            jacobian[:, :n] += by_u @ (slow * at.arm_rates[winches.tendon])
+            jacobian[:, n:] += by_u @ (slow * pulled)
+        return values, jacobian
 
     def _moment(
         self, q: np.ndarray, v: np.ndarray, u: np.ndarray, state: State | None = None
@@ -147,7 +168,9 @@ class Sensors:
             read(at, place, rows, found)
         return values, jacobian, by_u
 
-    def hessians(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def hessians(
+        self, q: np.ndarray, v: np.ndarray, u: np.ndarray, winches: Winches | None = None
+    ) -> np.ndarray:
         """The second derivatives (k, nv, nv) of `predict` by q, symmetric.
 
         They are analytic if all sensors read lengths, positions and joints, else differences.
@@ -160,7 +183,10 @@ class Sensors:
                 BENDS[kind](at, place, found[rows])
         else:
             ends = [
-                [self.predict(self.model.integrate(q, x), v, u)[1][:, :n] for x in (step, -step)]
+                [
+                    self.predict(self.model.integrate(q, x), v, u, winches)[1][:, :n]
+                    for x in (step, -step)
+                ]
                 for step in STEP * np.eye(n)
             ]
             found = np.stack([ahead - behind for ahead, behind in ends], axis=2) / (2 * STEP)

@@ -12,8 +12,7 @@ import numpy as np
 
 from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.projection import Projection, underlying_tree
-from softdyn.dynamics.wrapped_paths import PlacedPiece
-from softdyn.dynamics.wraps import Contact
+from softdyn.dynamics.wraps import Contact, Courses
 
 STEPS = 120  # of a joint's way from 0 to a limit
 HALVINGS = 30
@@ -39,38 +38,35 @@ def _of_joint(model: SoftModel, k: int) -> Iterator[str]:
     """The lines of one joint."""
     for end in (max(model.lower[k], -np.pi), min(model.upper[k], np.pi)):
         places = np.linspace(0.0, end, STEPS + 1) if end else np.zeros(1)
-        before = _pieces(model, k, 0.0)
+        before = _courses(model, k, 0.0)
         told: set[int] = set()
         for low, high in pairwise(places.tolist()):
-            behind = _pieces(model, k, high)
-            for i, (one, other) in enumerate(zip(before, behind, strict=True)):
-                if i not in told and (found := _edge(model, k, i, (low, high), one, other)):
+            behind = _courses(model, k, high)
+            for i in np.flatnonzero(_gaps(before, behind) >= SEEN).tolist():
+                if i not in told and (found := _edge(model, k, i, (low, high), before, behind)):
                     told.add(i)
                     yield found
             before = behind
 
 
 def _edge(
-    model: SoftModel, k: int, i: int, span: tuple[float, float], one: PlacedPiece,
-    other: PlacedPiece,
-) -> str:  # fmt: skip
-    """The line of a piece between two places of a joint; empty if nothing jumps there."""
-    if _gap(one, other) < SEEN:
-        return ""
+    model: SoftModel, k: int, i: int, span: tuple[float, float], one: Courses, other: Courses
+) -> str:
+    """The line of piece i between two places of a joint; empty if nothing jumps there."""
     low, high = span
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        between = _pieces(model, k, middle)[i]
-        if _gap(one, between) > _gap(between, other):
+        between = _courses(model, k, middle)
+        if _gaps(one, between)[i] > _gaps(between, other)[i]:
             high, other = middle, between
         else:
             low, one = middle, between
-    if _gap(one, other) < JUMP:
+    if _gaps(one, other)[i] < JUMP:
         return ""
-    entered = Contact.ENTERED in (one.course.contact, other.course.contact)
-    robot, piece = model.robot, one.piece
-    tendon = robot.tendons[piece.tendon]
-    wrap = next(wrap for wrap in tendon.wraps if wrap.after == piece.after)
+    entered = Contact.ENTERED in (one.contact[i], other.contact[i])
+    paths = underlying_tree(model)[0].tendons.wraps
+    tendon = model.robot.tendons[paths.tendon[i]]
+    wrap = next(wrap for wrap in tendon.wraps if wrap.after == paths.after[i])
     does = "has a site inside" if entered else "flips to the other side of"
     kind = "sphere" if wrap.axis is None else "cylinder"
     return (
@@ -79,19 +75,18 @@ def _edge(
     )
 
 
-def _gap(one: PlacedPiece, other: PlacedPiece) -> float:
-    """The largest difference of two courses' directions; 3 if only one has an end inside."""
-    inside = [piece.course.contact is Contact.ENTERED for piece in (one, other)]
-    if inside[0] != inside[1]:
-        return 3.0
-    return float(np.abs(one.course.gradient - other.course.gradient).max())
+def _gaps(one: Courses, other: Courses) -> np.ndarray:
+    """The largest differences of courses' directions; 3 if only one has an end inside."""
+    inside = [courses.contact == Contact.ENTERED for courses in (one, other)]
+    apart = np.abs(one.gradient - other.gradient).max(axis=(1, 2))
+    return np.where(inside[0] != inside[1], 3.0, apart)
 
 
-def _pieces(model: SoftModel, k: int, value: float) -> list[PlacedPiece]:
-    """All pieces with one joint at a value and the others at 0."""
+def _courses(model: SoftModel, k: int, value: float) -> Courses:
+    """The courses of all pieces with one joint at a value and the others at 0."""
     tree, _ = underlying_tree(model)
     coordinates = np.zeros(model.nv)
     coordinates[k] = value
     q = model.configuration(coordinates)
     kinematics = tree.kinematics(model.expand(q) if isinstance(model, Projection) else q)
-    return list(tree.tendons.wraps.at(*kinematics[1:]))
+    return tree.tendons.wraps.at(*kinematics[1:]).courses

@@ -12,6 +12,7 @@ with a pose 1.2 times as long, with two tasks 1.3 times, by their calls from Pyt
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,6 +61,15 @@ class FramePlace(NamedTuple):
     moves: np.ndarray  # (n,) of bool: the degrees of freedom that move it
     rotation: np.ndarray  # (3, 3)
     offset: np.ndarray  # (3,)
+
+
+class FramePlaces(NamedTuple):
+    """The places of k frames."""
+
+    bodies: np.ndarray  # (k,) of int
+    moves: np.ndarray  # (k, n) of bool
+    rotations: np.ndarray  # (k, 3, 3)
+    offsets: np.ndarray  # (k, 3)
 
 
 class LinkKinematics:
@@ -113,6 +123,29 @@ class LinkKinematics:
         frame_motion(*arguments)
         six = six if self.S is None else six @ self.S
         return LinkMotion(rotation, position, six, velocity, drift)
+
+    def motions(self, state: State, places: FramePlaces) -> LinkMotion:
+        """The motions of several frames: every array has one more axis, the first."""
+        k, n = places.moves.shape
+        rotations, positions, six = np.empty((k, 3, 3)), np.empty((k, 3)), np.empty((k, 6, n))
+        velocities, drifts = np.empty((k, 6)), np.empty((k, 6))
+        arguments: Any = (
+            *self.engine(state), *places, rotations, positions, six, velocities, drifts,
+        )  # fmt: skip
+        _frame_motions(*arguments)
+        six = six if self.S is None else six @ self.S
+        return LinkMotion(rotations, positions, six, velocities, drifts)
+
+    def places(self, frames: Sequence[tuple[str, tuple[float, ...]]]) -> FramePlaces:
+        """The places of several frames, each a link's frame moved to a point (m) of the link.
+
+        Raises
+        ------
+        InputError
+            For a link that the robot does not have.
+        """
+        found = zip(*(self.place(*frame) for frame in frames), strict=True)
+        return FramePlaces(*(np.array(same) for same in found))
 
     def place(self, link: str, point: tuple[float, ...]) -> FramePlace:
         """The place of a link's frame, moved to `point` (m) of it, in the body that carries it.
@@ -191,3 +224,16 @@ def frame_motion(
         drift[3 + i] = rate[3 + i]
         drift[i] = rate[i] + rate[3 + j] * p[k] - rate[3 + k] * p[j]
         drift[i] += velocity[3 + j] * velocity[k] - velocity[3 + k] * velocity[j]
+
+
+@compiled
+def _frame_motions(
+    S, rotations, translations, v, base, free, bodies, moves, own, offsets,
+    rotation, position, jacobian, velocity, drift,
+):  # fmt: skip
+    """Write the motions of k frames."""
+    for k in range(len(bodies)):
+        frame_motion(
+            S, rotations, translations, v, base, free, bodies[k], moves[k], own[k], offsets[k],
+            rotation[k], position[k], jacobian[k], velocity[k], drift[k],
+        )  # fmt: skip

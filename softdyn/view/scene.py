@@ -7,7 +7,7 @@ their sites. A frame therefore holds little more than (q, u).
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any, TypedDict
@@ -19,7 +19,7 @@ from softdyn.description.robot import Joint, Robot, Tendon, Wrap, input_units, l
 from softdyn.description.task_mark import TaskMark
 from softdyn.description.visuals import BoxShape, CylinderShape, Mesh, SphereShape, Visual, visuals
 from softdyn.dynamics.model import SoftModel
-from softdyn.dynamics.wraps import body_of
+from softdyn.dynamics.wraps import RoundBodies, body_of, courses
 from softdyn.tasks.frames import tasks_of
 from softdyn.tasks.marks import marks_of
 from softdyn.view.skin import skins
@@ -33,6 +33,8 @@ TENSION = (
 )  # fmt: skip
 ROUND = (0.62, 0.64, 0.68, 1.0)  # colour of pulleys and pins
 WORLD = ""  # the link of shapes around the robot
+EMPTY = np.zeros((0, 3))
+ARC = 17  # points of a drawn arc
 STICK = (0.45, 0.52, 0.6, 1.0)
 
 
@@ -47,7 +49,7 @@ class DrawnCable:
     The length is that of the polyline, or Σ coef · q over `terms`, pairs (index of q, coef). A
     winch's cable has no spring of its own, and no `rest`.
 
-    `wraps` are the round bodies between its sites; the page's script draws the arcs.
+    `wraps` are the round bodies between its sites. The page's script draws the arcs itself.
     """
 
     name: str
@@ -66,6 +68,23 @@ class DrawnCable:
         if self.side:
             force = self.side * max(0.0, self.side * force)
         return force / self.limit if self.limit > 0 else 0.0
+
+    def points(self, poses: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Its polyline (k, 3) in the world, with the arcs, at poses (4, 4) of the links."""
+        sites = [poses[link][:3, :3] @ xyz + poses[link][:3, 3] for link, xyz in self.sites]
+        arcs = {wrap.after: _arc(wrap, poses[wrap.link], sites[wrap.after :][:2])
+                for wrap in self.wraps}  # fmt: skip
+        parts = [np.vstack((site, arcs.get(k, EMPTY))) for k, site in enumerate(sites)]
+        return np.concatenate(parts)
+
+
+def _arc(wrap: Wrap, pose: np.ndarray, ends: list[np.ndarray]) -> np.ndarray:
+    """The points (k, 3) in the world of a cable on a round body, none if it is straight."""
+    body, axes = body_of(wrap)
+    axes, centre = pose[:3, :3] @ axes, pose[:3, :3] @ wrap.xyz + pose[:3, 3]
+    course = courses(RoundBodies.of([body]), (np.array([ends]) - centre) @ axes)
+    points = course.points(ARC)[0] @ axes.T + centre
+    return points[np.isfinite(points).all(axis=1)]
 
 
 class ShapeData(TypedDict):

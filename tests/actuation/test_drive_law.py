@@ -51,7 +51,7 @@ def test_means_over_uneven_steps(lag, delay, rate, speed):
             # a bounded rate is taken at its middle, and a free length at the middle of its way
             coarse = 0.06 if np.isfinite(rate) else 2e-3
             assert means[0] == pytest.approx(exact, abs=coarse)
-    assert len(drives._sent) <= 3
+    assert len(drives._sent) <= 4
 
 
 def test_commands_are_forgotten_where_every_step_is_a_gap():

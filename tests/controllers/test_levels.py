@@ -52,8 +52,11 @@ def task_lists(model: SoftModel) -> dict[str, list[Task]]:
 
 def level_by_level(
     law: str, state: State, levels: list[TaskTerms], every: TaskTerms, gains: Gains
-) -> np.ndarray:
-    """The input with every unknown explicit: each level is a QP on the optima of those above."""
+) -> tuple[np.ndarray, list[bool]]:
+    """The input with every unknown explicit: each level is a QP on the optima of those above.
+
+    The list says of each level whether its optimum has an input at a bound.
+    """
     n, m = state.B.shape
     hard = law in ("id-clf-qp", "clf-qp")
     R, S = (np.eye(n), state.B) if hard else actuated_rows(state.B)
@@ -68,13 +71,14 @@ def level_by_level(
     if law == "clf-qp":
         regulariser = {"input": Term(1.0, lambda qdd, u: u)}
         levels = [*levels, None]
+    saturated, model = [], state.model
     for k, terms in enumerate(levels):
         if free.shape[1] == 0:
             break
         z, delta = unknowns(free.shape[1], 1)
         all_of = free @ z + X
         qdd, u = np.eye(n, n + m) @ all_of, np.eye(m, n + m, n) @ all_of
-        below = {"upper": u - state.model.u_max, "lower": state.model.u_min - u}
+        below = {"upper": u - model.u_max, "lower": model.u_min - u}
         if k:
             below = {name: loosened(rows) for name, rows in below.items()}
         cost = {}
@@ -93,12 +97,14 @@ def level_by_level(
         qp = SymbolicQp({"z": z, "delta": delta}, cost, {}, below)
         found = Quadprog(0.0 if last else RIDGE).solve(qp)
         X = X + free @ found["z"]
+        room = np.minimum(X[n:] - model.u_min, model.u_max - X[n:])
+        saturated.append(bool((room < 1e-6 * (model.u_max - model.u_min)).any()))
         if not last:
             held = np.hstack((terms.J, np.zeros((len(terms.J), m)))) @ free
             values = np.linalg.svd(held)
             rank = int((values[1] > RANK_TOLERANCE * np.linalg.norm(terms.J, 2)).sum())
             free = free @ values[2][rank:].T
-    return X[n:]
+    return X[n:], saturated
 
 
 def loosened(rows):
@@ -107,13 +113,17 @@ def loosened(rows):
     return type(rows)(rows.matrix[moves], np.minimum(rows.constant[moves], 0.0))
 
 
-def worst(which: str, law: str, name: str, count: int) -> float:
-    """The largest difference from the oracle, as a share of the input range."""
+def worst(which: str, law: str, name: str, count: int) -> tuple[float, np.ndarray]:
+    """The largest difference from the oracle, as a share of the input range.
+
+    The array counts the states with an input at a bound, level by level.
+    """
     model, gains = robot(which), gains_of(which)
     tasks = task_lists(model)[name]
     order = sorted({task.level for task in tasks})
     controller = CONTROLLERS[law](model, gains, tasks=tasks)
     span, found = float((model.u_max - model.u_min).max()), 0.0
+    at_bounds = np.zeros(len(order) + 1, int)
     for seed, (state, _) in enumerate(drawn(which, count)):
         reference = goals(state, tasks, seed)
         by_level = [
@@ -121,25 +131,33 @@ def worst(which: str, law: str, name: str, count: int) -> float:
             for level in order
         ]
         every = stacked(state, reference, tasks, gains)
-        exact = level_by_level(law, state, by_level, every, gains)
+        exact, saturated = level_by_level(law, state, by_level, every, gains)
+        at_bounds[: len(saturated)] += saturated
         command = controller(state, reference)
         assert command.status is Status.OK
         assert pytest.approx(sum(lyapunov(t, gains.eps).V for t in by_level)) == command.V
         found = max(found, float(np.abs(command.u - exact).max()) / span)
-    return found
+    return found, at_bounds
+
+
+@pytest.mark.parametrize("which", ["finger", "helix", "spirob"])
+def test_a_hundred_states_with_inputs_at_bounds_on_every_level(which: str) -> None:
+    found, at_bounds = worst(which, "soft-id-clf-qp", "three levels", 100)
+    assert found < 1e-6
+    assert (at_bounds[:3] >= 5).all(), at_bounds
 
 
 @pytest.mark.parametrize("law", ["soft-id-clf-qp", "id-clf-qp", "ic-qp"])
 @pytest.mark.parametrize("which", ["finger", "helix", "spirob"])
 def test_inputs_are_those_of_the_oracle(which: str, law: str) -> None:
     for name in task_lists(robot(which)):
-        assert worst(which, law, name, 6) < 1e-6, name
+        assert worst(which, law, name, 6)[0] < 1e-6, name
 
 
 @pytest.mark.parametrize("which", ["finger", "spirob"])
 def test_clf_qp_takes_the_least_input_on_all_levels(which: str) -> None:
     for name in ("point, then direction", "mid-point, then tip"):
-        assert worst(which, "clf-qp", name, 6) < 1e-6, name
+        assert worst(which, "clf-qp", name, 6)[0] < 1e-6, name
 
 
 def test_a_list_of_one_level_is_one_qp_whatever_its_number() -> None:

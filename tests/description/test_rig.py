@@ -18,6 +18,7 @@ ROBOT = parse_text(ARM, path=Path("arm.urdf"))
 OTHER = {
     "command": CommandKind.LENGTH, "stiffness": 900.0, "damping": 2.0, "length_lower": 0.1,
     "length_upper": 0.2, "lag": 0.02, "rate": 3.0, "delay": 0.005,
+    "offset": 0.01,
 }  # fmt: skip
 
 

@@ -34,7 +34,7 @@ BLOCK = """\
   </tendon>
   <actuator name="winch" tendon="flexor" gear="-2" lower="0" upper="5" command="length"
     stiffness="900" damping="4" length_lower="-0.1" length_upper="0.3" lag="0.02" rate="0.08"
-    delay="0.005"/>
+    delay="0.005" offset="-0.02"/>
   <actuator name="drum" tendon="cable" gear="0.5" lower="-9" upper="0" command="velocity"
     stiffness="800"/>
   <actuator name="motor" tendon="cable" gear="-1" lower="-5" upper="5" command="force" lag="0.01"/>
@@ -48,7 +48,7 @@ BLOCK = """\
 """
 READ_ACTUATORS = (
     Actuator("winch", "flexor", -2.0, 0.0, 5.0, CommandKind.LENGTH, 900.0, 4.0, -0.1, 0.3, 0.02,
-             0.08, 0.005),
+             0.08, 0.005, -0.02),
     Actuator("drum", "cable", 0.5, -9.0, 0.0, CommandKind.VELOCITY, 800.0),
     Actuator("motor", "cable", -1.0, -5.0, 5.0, lag=0.01),
 )  # fmt: skip
@@ -90,7 +90,7 @@ def test_the_rig_of_an_overlay_is_the_same(tmp_path: Path) -> None:
 def test_defaults_are_not_written() -> None:
     robot = parse_text(ARM, path=Path("arm.urdf"))
     text = write(robot)
-    for word in ("slack", "command", "lag", "rate", "delay", "length_", "sensor", "inf"):
+    for word in ("slack", "command", "lag", "rate", "delay", "offset", "length_", "sensor", "inf"):
         assert word not in text, word
     spelled = ARM.replace('upper="5"/>', 'upper="5" command="force" lag="0" delay="0"/>')
     assert parse_text(spelled, path=robot.path) == robot
@@ -133,6 +133,7 @@ def actuators(draw: st.DrawFn, name: str) -> Actuator:
     return replace(
         force, command=kind, stiffness=draw(st.floats(SMALLEST_WINCH, 1e50)), damping=draw(SHARE),
         length_lower=draw(st.sampled_from([-math.inf, bounds[0]])), length_upper=bounds[1],
+        offset=draw(NUMBER) if kind is CommandKind.LENGTH else 0.0,
     )  # fmt: skip
 
 

@@ -124,6 +124,19 @@ def test_bounds(tmp_path):
     np.testing.assert_array_equal(winches.upper, [0.4])
 
 
+def test_an_offset_is_added_to_a_command_of_length(tmp_path):
+    """T = k (ℓ - c - z): 40 N/m times 0.2 + 0.1 - 0.02 m; the bounds are of c + z."""
+    bounds = {"length_lower": -0.3, "length_upper": 0.4}
+    model = cart(tmp_path, offset=0.02, **bounds)
+    winches, state = Winches(model), model.state([0.2], [0.0])
+    assert winches.tensions(state, [-0.1]) == pytest.approx([40.0 * 0.28 / 0.5], rel=1e-12)
+    assert winches.commands(state, [40.0 * 0.28 / 0.5]) == pytest.approx([-0.1], rel=1e-12)
+    np.testing.assert_array_equal(winches.lower, [-0.3 - 0.02])
+    assert winches.commands(model.state([0.9], [0.0]), [0.0]) == 0.4 - 0.02
+    speed = cart(tmp_path, offset=0.02, command=CommandKind.VELOCITY, **bounds)
+    np.testing.assert_array_equal(Winches(speed).offset, [0.0])
+
+
 def test_a_robot_without_winches_has_its_commands_as_inputs():
     model = softdyn.load("helix")
     winches, state = Winches(model), model.state(model.q0, np.zeros(model.nv))

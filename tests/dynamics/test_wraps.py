@@ -13,7 +13,7 @@ import softdyn
 from softdyn import SoftModel
 from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.derivatives import tangent_dynamics
-from softdyn.dynamics.wraps import Contact, RoundBody, course
+from softdyn.dynamics.wraps import Contact, RoundBodies, RoundBody, courses
 from softdyn.loading import load_text
 from softdyn.statics.equilibrium import potential
 from tests.proof.crosschecks.wrapped_robots import wrapped_robot
@@ -45,6 +45,16 @@ def round_body(radius=0.03, sphere=False, side=None, inside=False) -> RoundBody:
     return RoundBody(radius, sphere, None if side is None else np.array(side, float), inside)
 
 
+class Course:
+    """One of `courses`."""
+
+    def __init__(self, body: RoundBody, a: np.ndarray, b: np.ndarray) -> None:
+        found = courses(RoundBodies.of([body]), np.array([[a, b]]))
+        self.contact, self.length = Contact(found.contact[0]), found.length[0]
+        self.gradient, self.turn, self.points = found.gradient[0], found.turn[0], found.points()[0]
+        self.bends = found.bends
+
+
 def test_a_cable_over_a_drum():
     model = load_text(SLIDE, path=PATH)
     for q, length, arm in (
@@ -61,7 +71,7 @@ def test_a_cable_over_a_drum():
 def test_a_quarter_turn(sphere):
     """Down, a quarter of the circle, and to the right."""
     a, b = np.array([-0.03, 0.1, 0.0]), np.array([0.2, -0.03, 0.0])
-    found = course(round_body(sphere=sphere, side=(-0.1, -0.1, 0)), a, b)
+    found = Course(round_body(sphere=sphere, side=(-0.1, -0.1, 0)), a, b)
     assert found.length == pytest.approx(0.1 + 0.2 + 0.03 * math.pi / 2, abs=1e-15)
     assert found.turn == pytest.approx(math.pi / 2, abs=1e-14)
     np.testing.assert_allclose(found.points, [[-0.03, 0, 0], [0, -0.03, 0]], atol=1e-15)
@@ -71,15 +81,15 @@ def test_a_quarter_turn(sphere):
 
 def test_the_side_decides_and_a_helix_rises_in_proportion():
     a, b = np.array([-0.1, -0.04, 0.0]), np.array([0.1, -0.04, 0.06])
-    straight = course(round_body(), a, b)
+    straight = Course(round_body(), a, b)
     assert straight.contact is Contact.FREE
     assert straight.length == pytest.approx(float(np.linalg.norm(b - a)))
-    assert course(round_body(side=(0, -0.05, 0)), a, b).contact is Contact.FREE
-    around = course(round_body(side=(0, 0.05, 0)), a, b)
+    assert Course(round_body(side=(0, -0.05, 0)), a, b).contact is Contact.FREE
+    around = Course(round_body(side=(0, 0.05, 0)), a, b)
     assert around.contact is Contact.CLOCKWISE
     (x, y, low), (_, _, high) = around.points
     assert math.hypot(x, y) == pytest.approx(0.03)
-    flat = course(round_body(side=(0, 0.05, 0)), a * [1, 1, 0], b * [1, 1, 0])
+    flat = Course(round_body(side=(0, 0.05, 0)), a * [1, 1, 0], b * [1, 1, 0])
     arc = 0.03 * flat.turn
     assert high - low == pytest.approx(0.06 * arc / flat.length)
     assert around.length == pytest.approx(math.hypot(flat.length, 0.06))
@@ -93,7 +103,7 @@ def test_inside_it_bends_at_the_point_of_the_shortest_path(sphere):
     bent = 0
     for _ in range(60):
         a, b = rng.normal(scale=0.1, size=(2, 3))
-        found = course(body, a, b)
+        found = Course(body, a, b)
         straight = float(np.linalg.norm(b - a))
         if found.contact is not Contact.BENT:
             assert found.length == pytest.approx(straight)
@@ -136,10 +146,10 @@ def test_derivatives_of_a_course(sphere, where):
         side[2] *= sphere
         body = round_body(r, sphere, None if where == "no side" else side, where == "inside")
         x = rng.normal(scale=0.2, size=6)
-        here = course(body, x[:3], x[3:], bends=True)
+        here = Course(body, x[:3], x[3:])
 
         def at(step, body=body, x=x):
-            return course(body, (x + step)[:3], (x + step)[3:])
+            return Course(body, (x + step)[:3], (x + step)[3:])
 
         steps = 40 * STEP * np.vstack((np.eye(6), -np.eye(6)))
         if any(at(step).contact is not here.contact for step in steps):
@@ -148,9 +158,9 @@ def test_derivatives_of_a_course(sphere, where):
         compared += 1
         kinds.add(here.contact)
         gradient = here.gradient.ravel()
-        assert relative(gradient, slope(at, lambda c: np.float64(c.length)), 1.0) < BAR
-        assert relative(here.bend.hessian, slope(at, lambda c: c.gradient.ravel()), 1.0) < BAR
-        assert relative(here.bend.turn, slope(at, lambda c: np.float64(c.turn)), 1.0) < BAR
+        assert relative(gradient, slope(at, lambda c: c.length), 1.0) < BAR
+        assert relative(here.bends.hessian[0], slope(at, lambda c: c.gradient.ravel()), 1.0) < BAR
+        assert relative(here.bends.turn[0], slope(at, lambda c: c.turn), 1.0) < BAR
     assert compared > 40, left_out
     assert Contact.FREE in kinds or Contact.BENT in kinds
     assert len(kinds) >= 3
@@ -159,10 +169,10 @@ def test_derivatives_of_a_course(sphere, where):
 def test_a_site_on_the_surface_and_one_inside():
     on, far = np.array([0.03, 0.0, 0.0]), np.array([-0.1, 0.02, 0.0])
     for near in (on, on * (1 - 1e-12)):
-        found = course(round_body(), near, far, bends=True)
+        found = Course(round_body(), near, far)
         assert found.contact in (Contact.COUNTER, Contact.CLOCKWISE)
-        assert np.isfinite(found.bend.hessian).all()
-    inside = course(round_body(), on * 0.9, far)
+        assert np.isfinite(found.bends.hessian).all()
+    inside = Course(round_body(), on * 0.9, far)
     assert inside.contact is Contact.ENTERED
     assert inside.length == pytest.approx(float(np.linalg.norm(on * 0.9 - far)))
 
@@ -172,7 +182,8 @@ def test_lift_off_and_landing_are_continuous():
     model = load_text(SLIDE.replace("-0.2", "-0.4").replace('"0.2"', '"0.4"'), path=PATH)
     qs = np.linspace(0.0, 0.35, 701)
     states = [model.state([q], [0.0]) for q in qs]
-    contacts = [model.tendons.wraps.contacts(*model.kinematics(s.q)[1:])[0] for s in states]
+    paths = model.tendons.wraps
+    contacts = [paths.at(*model.kinematics(s.q)[1:]).courses.contact[0] for s in states]
     assert {contacts[0], contacts[-1]} == {Contact.COUNTER, Contact.FREE}
     arms = np.array([s.moment_arms[0, 0] for s in states])
     slopes = [model.tendon_hessians(s.q)[0, 0, 0] for s in states]
@@ -225,15 +236,10 @@ def test_a_body_that_nothing_touches_changes_nothing(model):
     plain = softdyn.build(
         replace(robot, tendons=tuple(replace(t, wraps=()) for t in robot.tendons))
     )
-    free = [
-        t
-        for t in range(len(robot.tendons))
-        if all(
-            placed.course.contact is Contact.FREE
-            for placed in model.tendons.wraps.at(*model.kinematics(q)[1:])
-            if placed.piece.tendon == t
-        )
-    ]
+    paths = model.tendons.wraps
+    contacts = paths.at(*model.kinematics(q)[1:]).courses.contact
+    touched = set(paths.tendon[contacts != Contact.FREE].tolist())
+    free = [t for t in range(len(robot.tendons)) if t not in touched]
     still = np.zeros(model.nv)
     one, other = model.state(q, still), plain.state(q, still)
     np.testing.assert_allclose(one.lengths[free], other.lengths[free], atol=1e-14)

@@ -122,7 +122,7 @@ def test_commands_that_are_sent_late(model):
     """The estimate is that of motors with a delay of the same time."""
     late = 0.003
     actuators = tuple(replace(one, delay=late) for one in model.robot.actuators)
-    delayed = build(replace(model.robot, actuators=actuators))
+    delayed = softdyn.build(replace(model.robot, actuators=actuators))
     ekf, other = (Ekf(one, sensors(one)) for one in (model, delayed))
     rng = np.random.default_rng(8)
     for k in range(40):

@@ -13,6 +13,7 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SoftModel
+from softdyn.actuation import Winches
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.dynamics.projection import underlying_tree
 from softdyn.sensing import Sensors
@@ -21,7 +22,7 @@ from tests.support.arms import PROJECTIONS
 from tests.support.cart import CART, load
 from tests.support.micro import FLOATING, GRIPPER, write
 from tests.support.oracles import relative
-from tests.support.rigged import measured
+from tests.support.rigged import measured, wound
 
 BAR = 1e-7
 SEEDS = (1, 12, 16, 19, 23)
@@ -283,3 +284,32 @@ def test_wrong_arguments():
         model.measure(other.state(other.q0, np.zeros(36)), [0.0, 0.0])
     with pytest.raises(InputError, match=r"^state: expected"):
         model.measure(model.q0, [0.0, 0.0])
+
+
+@pytest.mark.parametrize("which", [1, 12, 23, *PROJECTIONS], ids=str)
+def test_under_winches_tensions_and_accelerations_change_with_the_state(which, tmp_path):
+    """At constant commands, against central differences; at the winches' inputs the same values."""
+    made = PROJECTIONS[which](tmp_path) if which in PROJECTIONS else softdyn.load(
+        write_robot(which, tmp_path)
+    )  # fmt: skip
+    model = wound(measured(made))
+    q, v, u = case(model)
+    sensors, winches, n = Sensors(model), Winches(model), model.nv
+    state = model.state(q, v)
+    commands = winches.commands(state, 0.5 * (model.u_min + model.u_max))
+    values, jacobian = sensors.predict(q, v, commands, winches)
+    u = winches.tensions(state, commands)
+    alone = sensors.predict(q, v, u)
+    np.testing.assert_allclose(values, alone[0], rtol=1e-12, atol=1e-13)
+    assert relative(jacobian, alone[1]) > 1e-3  # the winches matter
+    errors, h = sensors.components.errors, 1e-5
+
+    def change(dq, dv):
+        return errors(values, sensors.predict(model.integrate(q, dq), v + dv, commands, winches)[0])
+
+    zero = np.zeros(n)
+    for k, e in enumerate(h * np.eye(n)):
+        by_q = (change(e, zero) - change(-e, zero)) / (2 * h)
+        by_v = (change(zero, e) - change(zero, -e)) / (2 * h)
+        assert relative(by_q, jacobian[:, k]) <= 1e-5
+        assert relative(by_v, jacobian[:, n + k]) <= 1e-5

@@ -60,6 +60,8 @@ def random_rig(model: SoftModel, seed: int) -> SoftModel:
         changes |= {"lag": lag, "rate": float(rng.choice([np.inf, 5.0, 50.0]))}
         if kind is not CommandKind.FORCE:
             changes |= {"stiffness": rng.uniform(20, 50), "damping": rng.uniform(0.5, 2)}
+        if kind is CommandKind.LENGTH:
+            changes["offset"] = 0.01 * (-1) ** seed
         actuators.append(replace(actuator, command=kind, **changes))
     found = measured(model)
     rubbing = (

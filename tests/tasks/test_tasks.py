@@ -196,6 +196,14 @@ def test_frames_are_those_of_mujoco(which, tmp_path):
         assert relative(ours.jacobian, J @ mapped, 0.1) < 1e-10
         assert relative(ours.velocity, J @ qvel, 0.1) < 1e-10
         assert relative(ours.drift, Jdot @ qvel + J @ (rated @ v), 1.0) < 1e-10
+        kinematics, frames = (
+            LinkKinematics.of(model),
+            [(link, (0.0, 0.0, 0.0)), (link, (0.1, 0.2, 0.3))],
+        )
+        both = kinematics.motions(state, kinematics.places(frames))
+        for k, frame in enumerate(frames):
+            for part, alone in zip(both, kinematics(state, *frame), strict=True):
+                np.testing.assert_array_equal(part[k], alone)
 
 
 def test_the_position_of_the_tip_is_the_state_s():

@@ -17,6 +17,7 @@ from softdyn.description.visuals import BoxShape, CylinderShape, Visual
 from softdyn.view.rest_sweep import BEND, TRAVEL, rest_sweep
 from softdyn.view.scene import TENSION, Figure, tension_colour
 from softdyn.view.tendon_paths import CLEARANCE, _distance
+from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support.arms import RUBBER, THREE_SECTIONS, loaded
 
 STICKS = """<robot name="sticks">
@@ -40,8 +41,7 @@ def finger():
 
 
 def polyline(figure: Figure, cable, q: np.ndarray) -> float:
-    placed = figure.link_poses(q)
-    points = [placed[link][:3, :3] @ xyz + placed[link][:3, 3] for link, xyz in cable.sites]
+    points = cable.points(figure.link_poses(q))
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
@@ -252,7 +252,7 @@ def test_a_cable_in_a_channel_is_drawn_in_it_and_turns_red(channels):
     figure = Figure.of(channels)
     (cable,) = figure.cables
     placed = figure.link_poses(channels.q0)
-    points = np.array([placed[link][:3, :3] @ p + placed[link][:3, 3] for link, p in cable.sites])
+    points = cable.points(placed)
     joints = (points[0:-1:2] + points[1:-1:2]) / 2
     along, away = -joints[:, 2], np.hypot(joints[:, 0], joints[:, 1])
     assert (np.diff(away) < 0).all()
@@ -281,3 +281,18 @@ def test_a_skin_leads_along_the_arm_and_is_as_wide(channels):
     np.testing.assert_allclose(radii, 0.02 - 0.05 * along, rtol=0.04)
     for pose in poses:
         np.testing.assert_allclose(pose[:3, 2], [0, 0, -1], atol=1e-9)  # z of a ring is its axis
+
+
+def test_a_drawn_cable_follows_the_round_bodies_that_it_touches():
+    """The polyline is as long as the cable, but for the chords of its arcs."""
+    touched = 0
+    for seed in range(6):
+        model = softdyn.build(wrapped_robot(seed, bodies=2))
+        figure, q = Figure.of(model), model.q0
+        lengths = dict(zip(model.tendons.names, model.tendon_lengths(q), strict=True))
+        for cable in figure.cables:
+            if cable.wraps:
+                drawn = polyline(figure, cable, q)
+                assert 0.998 * lengths[cable.name] < drawn < lengths[cable.name] + 1e-12
+                touched += len(cable.points(figure.link_poses(q))) > len(cable.sites)
+    assert touched > 2

@@ -22,11 +22,10 @@ from softdyn.checks import array, number
 from softdyn.dynamics.model import check_model
 from softdyn.estimation import Ekf, Observer
 from softdyn.exceptions import one_line
-from softdyn.statics import StaticsError, settle
 from softdyn.validation.bench.clock import MONOTONIC, Deadlines, TimeSource
 from softdyn.validation.bench.driver import Driver, another, check_driver
 from softdyn.validation.bench.fail_safe import FailSafe, RigLimits, Stop, StopCause
-from softdyn.validation.bench.plant import RealRig, SeeingObserver
+from softdyn.validation.bench.plant import RealRig, SeeingObserver, rest_pose
 from softdyn.validation.bench.watchdog import LATE, Watchdog, shared
 from softdyn.validation.loop.arguments import ReferenceLike, RunOptions, nowhere
 from softdyn.validation.loop.closed_loop import ClosedLoop, Controller
@@ -145,8 +144,9 @@ class Drive:
     watchdog : bool
         Whether a process of its own relaxes the rig if this one dies or blocks. It *kills* this
         process if it gives no sign of life for 100 ms or two periods.
-    hold : array_like, (nu,), optional
-        Constant commands in the file's units, sent instead of the controller's.
+    hold : array_like, (nu,), or Callable[[], ndarray], optional
+        Commands in the file's units, sent instead of the controller's: constant, or those of each
+        period.
     log_to : str or Path, optional
         A file; if the watchdog has to act, it writes the log up to there.
     source : TimeSource
@@ -192,11 +192,11 @@ class Drive:
         if not model.robot.sensors:
             raise InputError("model", "a file with <sensor> elements, which a rig reads", "none")
         safe = self._safe = FailSafe(model, self.limits, period)
-        if hold is not None:
+        if hold is not None and not callable(hold):
             hold = array("hold", hold, (model.nu,))
         self._rig = RealRig(model, driver, safe, period, controller, hold, source)
         inner = Ekf(model) if observer is None else observer
-        rest = _rest(model, self._rig.relaxed)
+        rest = rest_pose(model)
         seeing = SeeingObserver(inner, self._rig, safe, rest)
         self._spare = another(driver, model) if watchdog else None
         options = RunOptions(
@@ -395,14 +395,6 @@ class Drive:
         finally:
             over.set()
             thread.join()
-
-
-def _rest(model: SoftModel, relaxed: np.ndarray) -> np.ndarray | None:
-    """The configuration (nq,) in which the arm hangs before a run; None without an equilibrium."""
-    try:
-        return settle(model, relaxed).q
-    except StaticsError:
-        return None
 
 
 class _Held:

@@ -37,6 +37,7 @@ class StopCause(Enum):
     COMMAND = "command"
     MISSED = "missed deadlines"
     LOST = "lost estimate"
+    CABLE = "cable"
     DIVERGED = "tip far from its reference"
     WATCHDOG = "watchdog"
 

@@ -13,6 +13,7 @@ from softdyn import SoftModel, State
 from softdyn.actuation import CommandKind, Winches
 from softdyn.estimation import Observer
 from softdyn.exceptions import one_line
+from softdyn.statics import StaticsError, rest
 from softdyn.validation.bench.clock import MONOTONIC, TimeSource
 from softdyn.validation.bench.driver import Driver, NewestReadings
 from softdyn.validation.bench.fail_safe import FailSafe, Stop, StopCause
@@ -35,6 +36,14 @@ def blamed(cause: StopCause, what: str) -> Iterator[None]:
         raise Stop(cause, reason) from error
 
 
+def rest_pose(model: SoftModel) -> np.ndarray | None:
+    """The configuration (nq,) in which a relaxed arm rests; None without an equilibrium."""
+    try:
+        return rest(model).q
+    except StaticsError:
+        return None
+
+
 class RealRig:
     """A rig behind a driver; it is a `softdyn.validation.loop.plants.Plant`.
 
@@ -53,8 +62,8 @@ class RealRig:
         Control period (s).
     controller : Any, optional
         Its `applied` hears of inputs that the ramp has changed.
-    hold : ndarray, (nu,), optional
-        Constant commands that are sent instead of the controller's.
+    hold : ndarray, (nu,), or Callable[[], ndarray], optional
+        Commands that are sent instead of the controller's: constant, or those of each period.
     source : TimeSource
         The clock.
 
@@ -83,7 +92,7 @@ class RealRig:
         safe: FailSafe,
         period: float,
         controller: Any = None,
-        hold: np.ndarray | None = None,
+        hold: np.ndarray | Callable[[], np.ndarray] | None = None,
         source: TimeSource = MONOTONIC,
     ) -> None:
         robot = model.robot
@@ -183,7 +192,8 @@ class RealRig:
     def send(self, u: np.ndarray, share: float, seen: State) -> None:
         """Send the commands for a share of the way from the relaxed input to u (nu,)."""
         if self._hold is not None:
-            asked = self._first + share * (self._hold - self._first)
+            held = self._hold() if callable(self._hold) else self._hold
+            asked = self._first + share * (held - self._first)
             self.acting = u
         else:
             self.acting = self.relaxed + share * (u - self.relaxed)

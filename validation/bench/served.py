@@ -5,13 +5,15 @@ Both sides write JSON, one object a line. A client sends
     {"send": [1.5, 0, …]}                         commands of all motors, which act until the next
     {"stop": true}                                relax: no motor pulls
     {"fault": "lose", "sensors": ["camera"]}      or delay, repeat, freeze, die, none
+    {"fault": "jam", "motors": ["winch"]}         a motor that stays where it is; cut: its cable
     {"ask": "state"}                              see `ServedRig.state`
 
 and gets, every two milliseconds, the readings that are new:
 
     {"values": [0.12, null, …], "stamps": [1234.5, null, …]}
 
-with stamps in `time.monotonic()`. The rig is the twin with the motors and sensors of its file.
+with stamps in `time.monotonic()`. The rig is the twin with the motors and sensors of its file. It
+begins at rest, with relaxed motors.
 Commands act on if their sender goes away, as those of real motor drives do.
 """
 
@@ -31,7 +33,9 @@ import numpy as np
 
 from softdyn import InputError, SoftModel
 from softdyn.checks import did_you_mean, number, vector
+from softdyn.description.rig import CommandKind
 from softdyn.exceptions import one_line
+from softdyn.validation.bench.plant import rest_pose
 from softdyn.validation.loop.arguments import starting_pose
 from softdyn.validation.twin.rig import Rig, RiggedPlant
 from softdyn.view.loopback import listener
@@ -40,6 +44,7 @@ TICK = 0.002  # s between two readings of sensors without a rate
 BEHIND = 0.1  # s; if the simulation is later than this, its time stands still meanwhile
 SAME = 1e-3  # of a sampling interval
 FAULTS = ("none", "lose", "delay", "repeat", "freeze", "die")
+BROKEN = ("cut", "jam")  # faults of motors
 LONGEST_DELAY = 10.0  # s
 MOST_WAITING = 1 << 20  # bytes that a client has not read; more ends it
 MOST_CLIENTS = 16
@@ -153,7 +158,7 @@ class ServedRig:
     ) -> None:
         self._model, self._clock = model, clock
         self._plant = RiggedPlant(Rig(seed=seed), model, TICK)
-        q, _ = starting_pose(model, None)
+        q, _ = starting_pose(model, rest_pose(model))
         self._plant.start(q, np.zeros(model.nv))
         self._relaxed = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
         self._commands: np.ndarray | None = None
@@ -166,7 +171,9 @@ class ServedRig:
             for name in ("rate", "latency")
         )
         self._number, self._nothing = np.full(sum(sizes), -np.inf), np.full(sum(sizes), np.nan)
-        self.faults = Faults(model)
+        self.faults, motor = Faults(model), self._plant.twin.model
+        self._jammed = np.full(model.nu, np.nan)  # commands of motors that no longer move
+        self._law = motor.actuator_gainprm.copy(), motor.actuator_biasprm.copy()
         self._listening = listener(port)
         self._listening.setblocking(False)
         self.port = int(self._listening.getsockname()[1])
@@ -254,10 +261,11 @@ class ServedRig:
         if steps <= 0:
             return
         plant, state = self._plant, self._model.state(*self._plant.state())
-        if self._commands is None:
-            u = plant.direct(self._relaxed, self._none, state)
-        else:
-            u = plant.direct(self._commands, self._all, state)
+        values, commanded = self._relaxed, self._none
+        if self._commands is not None:
+            values, commanded = self._commands, self._all
+        stuck = ~np.isnan(self._jammed)
+        u = plant.direct(np.where(stuck, self._jammed, values), commanded | stuck, state)
         plant.advance(u, steps, state)
         self._steps += steps
 
@@ -330,6 +338,9 @@ class ServedRig:
                     self.over = True
                 case {"fault": "none"}:
                     self.faults.clear()
+                    self._mend()
+                case {"fault": str(kind), "motors": names} if kind in BROKEN:
+                    self._break(kind, names)
                 case {"fault": str(kind)} if kind in FAULTS:
                     sensors = said.get("sensors", self.faults.names)
                     self.faults.add(kind, sensors, said.get("seconds", math.nan))
@@ -340,6 +351,26 @@ class ServedRig:
         except (ValueError, TypeError, RecursionError) as error:
             return {"error": one_line(error)}
         return None
+
+    def _break(self, kind: str, names: Iterable[str]) -> None:
+        """Jam motors, or cut their cables."""
+        robot, law = self._model.robot, self._plant.twin.model
+        known = [actuator.name for actuator in robot.actuators]
+        for name in names:
+            if name not in known:
+                raise InputError("motors", "names of actuators", did_you_mean(str(name), known))
+            k = known.index(name)
+            if kind == "cut":
+                law.actuator_gainprm[k] = law.actuator_biasprm[k] = 0.0
+            else:
+                speed = robot.actuators[k].command is CommandKind.VELOCITY
+                self._jammed[k] = 0.0 if speed else self._plant.command[k]
+
+    def _mend(self) -> None:
+        """Undo `_break`."""
+        law = self._plant.twin.model
+        law.actuator_gainprm[:], law.actuator_biasprm[:] = self._law
+        self._jammed[:] = np.nan
 
     def _tell(self, client: socket.socket, line: bytes) -> None:
         """Send a line, or as much of it as the client takes."""

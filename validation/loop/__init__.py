@@ -11,7 +11,7 @@
 - `certificate`: the true rate of V along a run, beside the rate that its QP assumed
 - `verdict`: early ends of a run, failures, whether the run reached its reference
 - `log`: the record of a run: its channels, its figures of merit, its summary
-- `log_files`: its NPZ and CSV files
+- `log_files`, `mcap_file`: its NPZ and CSV files, and MCAP for viewers
 - `logged_robot`: the robot of a log, from the text of its file at the time of the run
 - `log_checks`: checks of a log's file
 - `labels`: names of robots, controllers and experiments in tables, figures and pages

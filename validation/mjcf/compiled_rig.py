@@ -1,8 +1,9 @@
 """The rig in an MJCF: commands, lag and delay of its actuators, slack tendons, sensors.
 
 A winch of the format is MuJoCo's position actuator, or its integrating velocity actuator. With gear
-a, gain G and bias slope b its free length is c = -G w / (a b) for the input or activation w, its
-stiffness -a² b. So its command is w = unit · c with unit = -a b / G.
+a, gain G, constant bias b₀ and bias slope b its free length is c = -(G w + b₀) / (a b) for the
+input or activation w, its stiffness -a² b. So its command is w = unit · (c - offset) with
+unit = -a b / G and offset = -b₀ / (a b).
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ DIGITS = 8  # of a delay in seconds; files may state a hair less than whole step
 # fields of an actuator that its command and lag state
 STATED = ("actuator_biastype", "actuator_biasprm", "actuator_dyntype", "actuator_dynprm")
 WINDS = (int(mujoco.mjtTrn.mjTRN_TENDON), int(mujoco.mjtTrn.mjTRN_JOINT))
-CABLE = ("stiffness", "damping", "length_lower", "length_upper", "unit")  # a winch's in `Motor.rig`
+# a winch's in `Motor.rig`
+CABLE = ("stiffness", "damping", "length_lower", "length_upper", "unit", "offset")
 ABSENT = {
     "rate": math.inf, "length_lower": -math.inf, "length_upper": math.inf, "unit": 1.0,
 }  # fmt: skip
@@ -96,10 +98,14 @@ def _command(model: mujoco.MjModel, k: int) -> dict[str, Any] | None:
     constant, slope, brake, *others = map(float, model.actuator_biasprm[k])
     winds = model.actuator_trntype[k] in WINDS and not any(others)
     affine = bias == mujoco.mjtBias.mjBIAS_AFFINE
-    if not (winds and affine and gain and gear and not constant and slope < 0 and brake <= 0):
+    if not (winds and affine and gain and gear and slope < 0 and brake <= 0):
         return None
     if int(dynamics) not in COMMANDS:
         return None
+    if constant:
+        if COMMANDS[int(dynamics)] is CommandKind.VELOCITY:
+            return None
+        found["offset"] = -constant / (slope * gear)
     found |= {"command": COMMANDS[int(dynamics)].value, "stiffness": -slope * gear**2}
     if brake:
         found["damping"] = -brake * gear**2
@@ -115,10 +121,10 @@ def bound(rig: dict[str, Any], more: dict[str, Numbers], inputs: tuple[float, fl
         lengths = more.pop("actuator_actrange", (-math.inf, math.inf))  # type: ignore[assignment]
         if np.isfinite(inputs).any():
             more["actuator_ctrlrange"] = inputs
-    for name, length in zip(("lower", "upper"), sorted(x / rig.get("unit", 1.0) for x in lengths),
-                            strict=True):  # fmt: skip
+    ends = sorted(x / rig.get("unit", 1.0) for x in lengths)
+    for name, length in zip(("lower", "upper"), ends, strict=True):
         if abs(length) < UNBOUNDED:
-            rig[f"length_{name}"] = length
+            rig[f"length_{name}"] = length + rig.get("offset", 0.0)
 
 
 def about_joint(rig: dict[str, Any], coefficient: float) -> dict[str, Any]:
@@ -129,6 +135,8 @@ def about_joint(rig: dict[str, Any], coefficient: float) -> dict[str, Any]:
     found = rig | dict(zip(CABLE[2:4], ends, strict=True))
     found |= {name: rig[name] * coefficient**2 for name in CABLE[:2] if name in rig}
     found["unit"] = rig.get("unit", 1.0) * coefficient
+    if "offset" in rig:
+        found["offset"] = rig["offset"] / coefficient
     return {name: value for name, value in found.items() if ABSENT.get(name) != value}
 
 

@@ -59,8 +59,9 @@ def add_motor(parent: etree._Element, motor: Motor, timestep: float) -> None:
         return
     lengths = [rig.get(f"length_{end}", sign * math.inf) for end, sign in _ENDS]
     limits, span = "false", None
+    zero = rig.get("offset", 0.0)
     if any(map(math.isfinite, lengths)):
-        limits, span = "true", [min(max(x, -UNBOUNDED), UNBOUNDED) for x in lengths]
+        limits, span = "true", [min(max(x - zero, -UNBOUNDED), UNBOUNDED) for x in lengths]
     if rig["command"] == CommandKind.VELOCITY.value:
         bounded = {"ctrllimited": "false", "actlimited": limits, "actrange": span}
         lag = {"dyntype": "integrator"}
@@ -68,7 +69,7 @@ def add_motor(parent: etree._Element, motor: Motor, timestep: float) -> None:
         bounded = {"ctrllimited": limits, "ctrlrange": span}
     k, d, gear = rig["stiffness"], rig.get("damping", 0.0), motor.gear
     add(parent, "general", **common, **bounded, forcelimited="true", forcerange=bounds,
-        gainprm=k / gear, biastype="affine", biasprm=(0.0, -k / gear**2, -d / gear**2),
+        gainprm=k / gear, biastype="affine", biasprm=(k * zero / gear, -k / gear**2, -d / gear**2),
         **lag, **late)  # fmt: skip
 
 

@@ -69,12 +69,9 @@ def _draw_robot(axes: Axes, log: Log, figure: Figure, k: int) -> None:
     if log.acting is not None and np.isfinite(log.acting[k]).all():
         u = log.acting[k]
     for cable in figure.cables:
-        sites = np.array([placed[link][:3, :3] @ xyz + placed[link][:3, 3]
-                          for link, xyz in cable.sites])  # fmt: skip
-        axes.add_collection(LineCollection(
-            [np.stack(_flat(sites), axis=-1)], colors=[tension_colour(cable.part(u))],
-            linewidths=1.0, zorder=4,
-        ))  # fmt: skip
+        drawn = np.stack(_flat(cable.points(placed)), axis=-1)
+        shade = tension_colour(cable.part(u))
+        axes.add_collection(LineCollection([drawn], colors=[shade], linewidths=1.0, zorder=4))
 
 
 def _flat(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

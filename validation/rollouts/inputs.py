@@ -87,7 +87,8 @@ class Commanded:
                 raise InputError("commands", "none without a rig", ", ".join(names))
             for k, actuator in enumerate(wanted.robot(model.robot).actuators):
                 if direct[k] and actuator.command is CommandKind.LENGTH:
-                    lower[k], upper[k] = actuator.length_lower, actuator.length_upper
+                    lower[k] = actuator.length_lower - actuator.zero
+                    upper[k] = actuator.length_upper - actuator.zero
                 elif direct[k] and actuator.command is CommandKind.VELOCITY:
                     lower[k], upper[k] = -math.inf, math.inf
         return cls(direct, lower, upper)

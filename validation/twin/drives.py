@@ -4,9 +4,9 @@ A slack tendon, and a winch that commands a free length c, have the tension
 
     T = max(0, k (ℓ - c) + d ℓ̇),
 
-with c the tendon's rest length if it is slack. Both are MuJoCo actuators with an affine bias along
-the tendon, whose clamped force is T. MuJoCo's own tendon springs and dampers cannot do this: a
-damper there acts on a slack tendon too.
+with c the tendon's rest length if it is slack, and the command plus the offset of a winch. Both
+are MuJoCo actuators with an affine bias along the tendon, whose clamped force is T. MuJoCo's own
+tendon springs and dampers cannot do this: a damper there acts on a slack tendon too.
 """
 
 from __future__ import annotations
@@ -214,8 +214,9 @@ def finish(model: mujoco.MjModel, robot: Robot, lengths: np.ndarray, rigged: boo
             model.actuator_ctrlrange[index] = actuator.lower, actuator.upper
             continue
         k, d, gear = actuator.stiffness, actuator.damping, actuator.gear
+        zero = actuator.offset if actuator.command is CommandKind.LENGTH else 0.0
         model.actuator_gainprm[index, 0] = k / gear
-        model.actuator_biasprm[index, 1:3] = -k / gear**2, -d / gear**2
+        model.actuator_biasprm[index, :3] = k * zero / gear, -k / gear**2, -d / gear**2
         model.actuator_forcerange[index] = actuator.lower, actuator.upper
         model.actuator_actrange[index] = actuator.length_lower, actuator.length_upper
     for tendon in robot.tendons:

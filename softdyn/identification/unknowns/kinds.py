@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from softdyn.actuation.capstan import Capstan
-from softdyn.description.robot import Robot
+from softdyn.description.robot import Robot, Wrap
 from softdyn.dynamics.derivatives import mass_columns
 from softdyn.dynamics.model import SoftModel, State, taut_gains
 from softdyn.dynamics.tree import tree_of
@@ -92,6 +92,9 @@ class Kind:
         For a kind of numbers from which the robot is made; the members name these.
     about_zero : bool
         Whether the values are about zero, so that no deviation is relative to them.
+    rebuilds : bool
+        Whether derivatives by the values are differences to robots with other values. The `columns`
+        are not used then.
     """
 
     name: str
@@ -104,6 +107,12 @@ class Kind:
     measures: str = ""
     maker: Maker | None = None
     about_zero: bool = False
+    rebuilds: bool = False
+
+    @property
+    def differs(self) -> bool:
+        """Whether derivatives are differences to other robots."""
+        return self.rebuilds or self.maker is not None
 
 
 def _in(field: str, attribute: str) -> Callable[[Robot, dict[str, float]], Robot]:
@@ -119,6 +128,37 @@ def _in(field: str, attribute: str) -> Callable[[Robot, dict[str, float]], Robot
         return found
 
     return amended
+
+
+def _wraps(robot: Robot) -> dict[str, Wrap]:
+    """The round bodies by the name of their tendon and their number along it, from 1."""
+    return {
+        f"{tendon.name}.{k}": wrap
+        for tendon in robot.tendons
+        for k, wrap in enumerate(tendon.wraps, 1)
+    }
+
+
+def _with_radii(robot: Robot, values: dict[str, float]) -> Robot:
+    """Set radii of round bodies; a side point stays on its side of the surface."""
+    known, changed = _wraps(robot), {}
+    for name in values.keys() & known.keys():
+        wrap, radius = known[name], values[name]
+        side = wrap.side
+        if side is not None:
+            off = (np.array(side) - wrap.xyz) * (radius / wrap.radius)
+            side = tuple((wrap.xyz + off).tolist())
+        changed[name] = replace(wrap, radius=radius, side=side)
+    tendons = tuple(
+        replace(
+            tendon,
+            wraps=tuple(
+                changed.get(f"{tendon.name}.{k}", wrap) for k, wrap in enumerate(tendon.wraps, 1)
+            ),
+        )
+        for tendon in robot.tendons
+    )
+    return replace(robot, tendons=tendons)
 
 
 def _joints(model: SoftModel) -> Sequence[str]:
@@ -269,6 +309,10 @@ KINDS = {
         Kind("offset", "m", _tendons, lambda model: np.zeros(len(model.tendons.names)),
              lambda sample: np.zeros(sample.state.moment_arms.T.shape), lambda robot, values: robot,
              -np.inf, "length.", about_zero=True),
+        Kind("wrap_radius", "m", lambda model: list(_wraps(model.robot)),
+             lambda model: np.array([wrap.radius for wrap in _wraps(model.robot).values()]),
+             lambda sample: np.zeros((len(sample.a), len(_wraps(sample.state.model.robot)))),
+             _with_radii, rebuilds=True),
         CABLE_FRICTION,
         INPUT_LOSS,
         SENSOR_BIAS,

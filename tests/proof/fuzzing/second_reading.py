@@ -238,7 +238,7 @@ def _rig(
             actuator.command.value,
             element.get("command", "force"),
         )
-        for name in ("stiffness", "damping", "lag", "delay", *unbounded):
+        for name in ("stiffness", "damping", "lag", "delay", "offset", *unbounded):
             said = _float(element, name) if element.get(name) else unbounded.get(name, 0.0)
             yield from _same(f"{name} of {actuator.name[:30]!r}", getattr(actuator, name), said)
     yield from _same("sensors", [sensor.name for sensor in robot.sensors], _names(sensors))

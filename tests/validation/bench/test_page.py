@@ -12,6 +12,7 @@ import pytest
 import softdyn
 from softdyn.validation import Log
 from softdyn.validation.bench import drive as driving
+from softdyn.validation.bench import zeroing
 from tests.support.benched import NearDriver, tower
 from tests.support.command import command
 
@@ -66,3 +67,15 @@ def test_the_first_loop(bench):
     assert 0.8e6 < Path("driven.html").stat().st_size < 1.5e6
     assert NearDriver.tower.stops == 1
     assert bench.rig.state()["relaxed_at"] is not None
+
+
+def test_the_sensors_of_the_page_are_enough_to_find_the_zeros(bench):
+    """Also that the tension of a pull is above the noise; the search itself takes minutes."""
+    (text,) = re.findall(r"one sensor more:\n\n```toml\n(.*?)```", PAGE, re.S)
+    with Path("bench.toml").open("a") as file:
+        file.write(text)
+    assert command(*shown("new bench.toml"))[0] == 0
+    model = softdyn.load("bench.urdf")
+    assert len(zeroing.Zeroing(model)._cables) == 6
+    words = shown("drive bench.urdf --zero")
+    assert words[-2:] == ["--out", "zeroed.urdf"]

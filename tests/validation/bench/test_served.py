@@ -18,6 +18,7 @@ NAN = np.nan
 BAD = (
     "{", "[]", '{"send": [1]}', '{"send": [1, null]}', '{"fault": "lie"}',
     '{"fault": "lose", "sensors": 3}', '{"fault": "delay", "seconds": 99}',
+    '{"fault": "cut", "motors": ["uc"]}', '{"fault": "jam"}',
 )  # fmt: skip
 
 
@@ -122,6 +123,25 @@ def until(client, wanted):
 def ask(client):
     client.say({"ask": "state"})
     return until(client, lambda line: "state" in line)["state"]
+
+
+def test_a_motor_that_jams_pulls_on_and_none_mends_it(model):
+    made = tower(model)
+
+    def force(message):
+        assert made.rig.obey(json.dumps(message)) is None
+        for _ in range(40):
+            made.hands.pass_(0.002)
+            made.rig.advance()
+        return made.rig.state()["forces"][0]
+
+    assert force({"send": [3.0, 1.0]}) == pytest.approx(3.0)
+    assert force({"fault": "jam", "motors": ["ua"]}) == pytest.approx(3.0)
+    assert force({"stop": True}) == pytest.approx(3.0)
+    assert force({"fault": "none"}) == pytest.approx(0.0)
+    assert force({"send": [3.0, 1.0]}) == pytest.approx(3.0)
+    assert force({"fault": "cut", "motors": ["ua"]}) == pytest.approx(0.0)
+    assert force({"fault": "none"}) == pytest.approx(3.0)
 
 
 def test_the_message_in_the_docstring_are_obeyed(model):

@@ -22,8 +22,9 @@ RIGS: list[dict[str, Any]] = [
     {"command": "length", "stiffness": 900.0, "lag": 0.01, "delay": 0.0041},
     {"command": "length", "stiffness": 900.0, "damping": 3.0, "length_lower": 0.1},
     {"command": "velocity", "stiffness": 900.0, "length_lower": 0.1, "length_upper": 0.36},
+    {"command": "length", "stiffness": 900.0, "length_upper": 0.36, "lag": 0.01, "offset": -0.02},
 ]
-
+PASSED = ("lag", "delay", "offset")
 
 ARM = """<robot name="arm"><link name="world"/>
 <link name="upper"><inertial><origin xyz="0.01 0 -0.1"/><mass value="0.3"/>
@@ -137,7 +138,7 @@ def test_the_rig_comes_back(tmp_path, rig, damping):
     there, back = (softdyn.load(path).robot for path in (source, tmp_path / "back.urdf"))
     for one, other in zip(there.actuators, back.actuators, strict=True):
         assert other.command is one.command
-        for name in ("stiffness", "damping", "length_lower", "length_upper", "lag", "delay"):
+        for name in ("stiffness", "damping", "length_lower", "length_upper", *PASSED):
             assert getattr(other, name) == pytest.approx(getattr(one, name), rel=1e-12), name
     assert [t.slack for t in back.tendons] == [True, False, True]
     assert [back.tendons[k].rest for k in (0, 2)] == pytest.approx([0.33, 0.05])
@@ -179,6 +180,7 @@ CHANGES = [
     ({}, RIGS[2], "command", "command force; command length"),
     (RIGS[2], RIGS[2] | {"stiffness": 800.0}, "stiffness", "stiffness 900; stiffness 800"),
     (RIGS[3], RIGS[2], "command", "command velocity; command length"),
+    (RIGS[4], RIGS[4] | {"offset": 0.01}, "offset", "offset -0.02; offset 0.01"),
 ]
 
 

@@ -21,7 +21,7 @@ from softdyn.description.robot import (
     moving_link_of,
     poses,
 )
-from softdyn.dynamics.wraps import body_of, course
+from softdyn.dynamics.wraps import RoundBodies, body_of, courses
 from softdyn.validation.mjcf.comparison.neutral import (
     WORLD,
     Coupling,
@@ -184,7 +184,7 @@ def _length(tendon: Tendon, placed: Mapping[str, Transform]) -> float:
             continue
         (body, axes), pose = body_of(wrap), placed[wrap.link]
         here = [axes.T @ (pose.rotation.T @ (x - pose.translation) - wrap.xyz) for x in ends]
-        total += course(body, *here).length
+        total += float(courses(RoundBodies.of([body]), np.array([here])).length[0])
     return total
 
 

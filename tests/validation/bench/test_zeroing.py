@@ -1,0 +1,262 @@
+"""Zeros of a rig: found on a served rig with offsets, written, driven with, and refused by name."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError, SetPoint
+from softdyn.controllers import best
+from softdyn.description.urdf import parse_text
+from softdyn.description.urdf_writer import write
+from softdyn.validation.bench import zeroing
+from softdyn.validation.bench.drive import Drive
+from softdyn.validation.bench.fail_safe import RigLimits, StopCause
+from softdyn.validation.bench.zeroing import ZeroSettings, zero_drive
+from tests.support.benched import JOINT, LINK, NearDriver, tower
+from tests.support.command import command
+
+SITES = """<site link="base" xyz="-0.02 0 {z}"/><site link="upper" xyz="0.1 0 {z}"/>
+<site link="fore" xyz="0.15 0 {z}"/>"""
+WINCH = 'gear="-1" lower="0" upper="30" command="length" stiffness="900" damping="4" lag="0.02"'
+ARM = f"""<robot name="wound">{LINK.format(name="base")}
+{LINK.format(name="upper")}{LINK.format(name="fore")}<link name="tip"/>
+{JOINT.format(name="shoulder", parent="base", child="upper", x=0)}
+{JOINT.format(name="elbow", parent="upper", child="fore", x=0.2)}
+<joint name="end" type="fixed"><parent link="fore"/><child link="tip"/>
+<origin xyz="0.2 0 0"/></joint>
+<softdyn version="1">
+<tendon name="below">{SITES.format(z=-0.03)}</tendon>
+<tendon name="above"><joint name="shoulder" coef="-0.03"/></tendon>
+<actuator name="flexor" tendon="below" {WINCH}/>
+<actuator name="lifter" tendon="above" {WINCH}/>
+<task frame="tip"/>
+<sensor name="wire" type="length" tendon="below" noise="5e-4"/>
+<sensor name="cord" type="length" tendon="above" noise="5e-4"/>
+<sensor name="pull" type="tension" tendon="below" noise="0.2"/>
+<sensor name="lift" type="tension" tendon="above" noise="0.2"/>
+</softdyn></robot>"""
+OFFSETS, BIASES = (0.02, -0.02), (0.007, -0.004)
+PERIOD = 0.01
+
+
+def stated(robot, offsets, biases=(0.0, 0.0)):
+    """The robot with these offsets of its winches and biases of its encoders."""
+    motors = (replace(a, offset=z) for a, z in zip(robot.actuators, offsets, strict=True))
+    encoders = (
+        replace(s, bias=(b,)) for s, b in zip(robot.sensors[:2], biases, strict=True)
+    )  # fmt: skip
+    return replace(robot, actuators=tuple(motors), sensors=(*encoders, *robot.sensors[2:]))
+
+
+def built(*of):
+    return softdyn.build(stated(parse_text(ARM, path=Path("wound.urdf")), *of))
+
+
+@pytest.fixture(scope="module")
+def model():
+    return built((0.0, 0.0))
+
+
+def zeroed(model, rig, on_step=None, driver=NearDriver, **settings):
+    """A run of the procedure on the near rig, and what it found."""
+    how = ZeroSettings(**{"repeats": 2, "reach": 0.03, **settings})
+    run, found = zero_drive(
+        model, driver(model), how, period=PERIOD, watchdog=False, source=rig.hands.source
+    )
+    return run.run(on_step=on_step), found
+
+
+@pytest.fixture(scope="module")
+def measured(model):
+    """The zeros of the rig with offsets, and the run."""
+    rig = tower(built(OFFSETS, BIASES))
+    done, found = zeroed(model, rig)
+    assert done.cause is StopCause.END, done.reason
+    return rig, done.log, found
+
+
+def test_offsets_of_20_mm_are_found_within_half_a_millimetre(measured):
+    rig, log, found = measured
+    offsets = [zero.offset for zero in found.zeros]
+    biases = [*found.zeros[0].biases.values(), *found.zeros[1].biases.values()]
+    np.testing.assert_allclose(offsets, OFFSETS, atol=5e-4)
+    np.testing.assert_allclose(biases, BIASES, atol=5e-4)
+    assert rig.stops == 1
+    assert log.measured[:, 2:].max() < 1.5 * found._cables[0].pull  # nothing is torn
+    assert np.abs(np.diff(log.command[5:], axis=0)).max() < 1.01 * 0.01 * PERIOD
+
+
+def test_the_written_file_is_driven_as_the_rig_without_offsets(model, measured):
+    *_, found = measured
+    new = softdyn.build(parse_text(write(found.robot(model.robot)), path=Path("new.urdf")))
+    target = SetPoint(model.state(np.array([0.25, 0.3]), np.zeros(2)).y)
+    tips, ends = [], []
+    usual, never = RigLimits().lost, 9.0
+    for known, true, lost in (
+        (new, built(OFFSETS, BIASES), usual),
+        (model, model, usual),
+        (model, built(OFFSETS), never),
+    ):
+        rig = tower(true)
+        run = Drive(
+            known, best(known), target, NearDriver(known), period=0.005, duration=1.0,
+            watchdog=False, source=rig.hands.source, limits=RigLimits(lost=lost),
+        )  # fmt: skip
+        done = run.run(on_step=lambda _, rig=rig: tips.append(rig.rig.state()["tip"]))
+        assert done.cause is StopCause.END, done.reason
+        ends.append(tips[-1])
+    assert math.dist(ends[0], ends[1]) < 2e-3
+    assert math.dist(ends[2], ends[1]) > 1e-2  # as the file was before
+
+
+def breaking(kind, motor, when):
+    """Tell the rig a fault of a motor as soon as `when(rig, t)` holds."""
+    done = []
+
+    def on_step(step):
+        rig = NearDriver.tower.rig
+        if not done and when(rig, step.t):
+            done.append(rig.obey(json.dumps({"fault": kind, "motors": [motor]})))
+
+    return on_step
+
+
+def pulls(k):
+    return lambda rig, t: rig.state()["forces"][k] > 1.6
+
+
+def slack_again():
+    """Whether the first cable has been pulled, and is slack."""
+    before = []
+
+    def when(rig, t):
+        force = rig.state()["forces"][0]
+        before.append(force)
+        return max(before) > 2.0 and force == 0.0
+
+    return when
+
+
+@pytest.mark.parametrize(
+    ("kind", "motor", "when", "said"),
+    [
+        ("cut", "flexor", lambda rig, t: t >= 0, "'flexor': it does not tighten from"),
+        ("jam", "lifter", lambda rig, t: t >= 0.5, "'lifter': it does not tighten from"),
+        ("jam", "flexor", pulls(0), "'flexor': its tension stays at"),
+        ("jam", "lifter", pulls(1), "'lifter': its tension stays at"),
+        ("cut", "flexor", slack_again(), "'flexor': its tension stays at"),
+    ],
+)
+def test_a_cut_and_a_jammed_cable_are_refused_by_name(model, kind, motor, when, said):
+    rig = tower(model)
+    done, _ = zeroed(model, rig, breaking(kind, motor, when))
+    assert done.cause is StopCause.CABLE
+    assert said in done.reason
+    assert rig.stops == 1
+
+
+def test_a_slack_and_a_tight_cable_are_refused_by_name(model):
+    rig = tower(built((0.0, 0.09)))
+    done, found = zeroed(model, rig)
+    assert done.cause is StopCause.CABLE
+    assert done.reason.startswith("cable of 'lifter': it does not tighten from 0.0191 to")
+    assert [zero.actuator for zero in found.zeros] == ["flexor"]
+    done, _ = zeroed(model, tower(built((-0.06, 0.0))))
+    assert "cable of 'flexor': it is tight" in done.reason
+
+
+def test_a_zero_that_scatters_is_refused_by_name(model):
+    class Slipping(NearDriver):
+        def send(self, commands):
+            slip = 2e-4 * (self.tower.hands.time - 100.0)
+            super().send(commands + np.array([slip, 0.0]))
+
+    done, _ = zeroed(model, tower(model), driver=Slipping)
+    assert done.cause is StopCause.CABLE
+    assert "'flexor': its zero scatters by" in done.reason
+
+
+@pytest.mark.parametrize(
+    ("change", "settings", "said"),
+    [
+        (("command=\"length\" stiffness=\"900\" damping=\"4\"", ""), {},
+         "command=\"length\" of 'flexor'"),
+        (('<sensor name="pull" type="tension" tendon="below" noise="0.2"/>', ""), {},
+         "<sensor type=\"tension\"> on tendon 'below'"),
+        (("", ""), {"pull": 40.0}, "pull: expected 2.4 N"),
+        (("", ""), {"reach": 0.0}, "reach"),
+        (("", ""), {"repeats": 1}, "repeats: expected"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_zeroed(change, settings, said):
+    text = ARM.replace(*change) if change[0] else ARM
+    model = softdyn.build(parse_text(text, path=Path("wound.urdf")))
+    with pytest.raises(InputError, match=said.replace("(", r"\(")):
+        zero_drive(model, NearDriver(model), ZeroSettings(**settings))
+
+
+# -- the command -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("arm.urdf").write_text(ARM)
+    Path("near.py").write_text("from tests.support.benched import NearDriver\n")
+
+    def served(true):
+        rig = tower(true)
+        made = partial(Drive, watchdog=False, source=rig.hands.source)
+        monkeypatch.setattr(zeroing, "Drive", made)
+        return rig
+
+    return served
+
+
+ZERO = "drive arm.urdf --zero --driver near.py:NearDriver --repeats 2 --reach 0.03"
+WORDS = ZERO.split()
+
+
+def test_the_command_writes_the_zeros(folder):
+    folder(built(OFFSETS, BIASES))
+    code, out, err = command(*WORDS, "--out", "new.urdf", "--json", "-")
+    assert code == 0, err
+    report = json.loads(out)
+    assert [zero["actuator"] for zero in report["zeros"]] == ["flexor", "lifter"]
+    robot = softdyn.parse("new.urdf")
+    np.testing.assert_allclose([a.offset for a in robot.actuators], OFFSETS, atol=5e-4)
+    np.testing.assert_allclose([s.bias[0] for s in robot.sensors[:2]], BIASES, atol=5e-4)
+    assert softdyn.parse("arm.urdf").actuators[0].offset == 0.0
+
+
+def test_a_refused_cable_writes_nothing(folder):
+    folder(built((0.09, 0.0)))
+    code, _, err = command(*WORDS, "--out", "new.urdf")
+    assert code == 1
+    assert err.splitlines()[-1].startswith("stopped by cable: cable of 'flexor': it does not")
+    assert not Path("new.urdf").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((), "--out: expected a FILE"),
+        (("--out", "arm.urdf"), "a file that this command does not read"),
+        (("best", "--out", "new.urdf"), "--zero: not allowed with a CONTROLLER"),
+        (("--out", "new.urdf", "--hold", "0", "0"), "not allowed with argument"),
+    ],
+)
+def test_bad_input_is_one_line(folder, words, said):
+    rig = folder(built((0.0, 0.0)))
+    code, _, err = command(*WORDS[:2], *words, *WORDS[2:])
+    assert code == 2
+    assert said in err
+    assert rig.starts == 0
