@@ -101,14 +101,17 @@ class Drives:
         self.begin(np.where(self._speeds, 0.0, self._free), t)
 
     def send(self, t: float, commands: np.ndarray) -> None:
-        """The commands (m,) that are sent at time t (s), the begin of a span or before it."""
-        while len(self._sent) > 1 and self._sent[1][0] + self._longest <= t:
+        """The commands (m,) that are sent at time t (s), before the end of the next span.
+
+        No span begins before the commands that were sent last.
+        """
+        while len(self._sent) > 1 and self._sent[1][0] + self._longest <= self._sent[-1][0]:
             del self._sent[0]
         self._sent.append((t, commands.copy()))
 
     def over(self, begin: float, end: float) -> np.ndarray:
         """Mean acting values (m,) over the next span (s): u, or free lengths of winches."""
-        if self._ideal:
+        if self._ideal and self._sent[-1][0] < begin + SAME:
             self.acting = self._sent[-1][1]
             return self.acting
         mean = np.zeros(len(self._lag))

@@ -218,7 +218,12 @@ class Ekf(Separate):
         return slice(first + part.start, first + part.stop)
 
     def step(
-        self, t: float, measurements: np.ndarray, u: np.ndarray, stamps: np.ndarray | None = None
+        self,
+        t: float,
+        measurements: np.ndarray,
+        u: np.ndarray,
+        stamps: np.ndarray | None = None,
+        sent: float | None = None,
     ) -> StateEstimate:
         """The estimate at time t, from the readings that are there at t.
 
@@ -236,6 +241,9 @@ class Ekf(Separate):
             The times (s) at which the readings were measured, which count instead of the file's
             rates and latencies. Each reading may be given once. Sensors of one rate and latency
             share the mean of their stamps.
+        sent : float, optional
+            The time (s) at which `u` was sent, if that was later than the last step. The commands
+            before it act until then.
 
         Raises
         ------
@@ -263,7 +271,9 @@ class Ekf(Separate):
             self._drives.reset(self.model.state(self._q, self._v), self._inputs, t)
         else:
             if math.isfinite(commands.dot(commands)):
-                self._drives.send(max(self._time, t - LONGEST_GAP), commands)
+                since = max(self._time, t - LONGEST_GAP)
+                at = since if sent is None else real("sent", sent)
+                self._drives.send(at if since < at < t else since, commands)
             else:
                 self._count("held")
             if t - self._time > LONGEST_GAP:

@@ -68,7 +68,12 @@ class StateEstimate(Frozen):
 
 
 class Observer(Protocol):
-    """An observer of a closed loop: any class with these two methods."""
+    """An observer of a closed loop: any class with these two methods.
+
+    On a real rig `reset` is told the rest ``q`` (nq,) in which the run begins, and `step` the
+    ``stamps`` (k,) of the readings and the time at which `u` was ``sent``, if they have such
+    arguments (`Ekf.step`).
+    """
 
     def reset(self) -> None:
         """Begin a run."""

@@ -63,5 +63,15 @@ def test_commands_are_forgotten_where_every_step_is_a_gap():
     drives.reset(model.state(model.q0, np.zeros(4)), np.zeros(2), 0.0)
     for k in range(100):
         drives.send(float(k), np.full(2, k / 100))
-    assert len(drives._sent) <= 2
+    assert len(drives._sent) <= 3
     assert drives.over(99.0, 99.01) == pytest.approx(0.98)  # sent 20 ms before
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.004])
+def test_commands_that_are_sent_within_a_span(delay):
+    """The commands before them act until then."""
+    drives = Drives(np.zeros(2), np.full(2, delay), np.full(2, np.inf))
+    drives.begin(np.array([1.0, 2.0]), 0.0)
+    drives.send(0.0 if delay else 0.004, np.array([3.0, -2.0]))
+    assert drives.over(0.0, 0.01) == pytest.approx([2.2, -0.4])
+    assert drives.over(0.01, 0.02) == pytest.approx([3.0, -2.0])

@@ -116,3 +116,18 @@ def test_impossible_sensors_are_one_line(model, field):
     name, value = field
     with pytest.raises(InputError, match=name):
         Ekf(model, [replace(sensors(model)[0], **{name: value})])
+
+
+def test_commands_that_are_sent_late(model):
+    """The estimate is that of motors with a delay of the same time."""
+    late = 0.003
+    actuators = tuple(replace(one, delay=late) for one in model.robot.actuators)
+    delayed = build(replace(model.robot, actuators=actuators))
+    ekf, other = (Ekf(one, sensors(one)) for one in (model, delayed))
+    rng = np.random.default_rng(8)
+    for k in range(40):
+        z, u = 1e-2 * rng.standard_normal(5), rng.uniform(-1, 1, 2)
+        found = ekf.step(0.01 * k, z, u, sent=0.01 * (k - 1) + late)
+        expected = other.step(0.01 * k, z, u)
+        assert found.q == pytest.approx(expected.q, abs=1e-12)
+        assert found.v == pytest.approx(expected.v, abs=1e-9)

@@ -22,6 +22,7 @@ from softdyn.checks import array, number
 from softdyn.dynamics.model import check_model
 from softdyn.estimation import Ekf, Observer
 from softdyn.exceptions import one_line
+from softdyn.statics import StaticsError, settle
 from softdyn.validation.bench.clock import MONOTONIC, Deadlines, TimeSource
 from softdyn.validation.bench.driver import Driver, another, check_driver
 from softdyn.validation.bench.fail_safe import FailSafe, RigLimits, Stop, StopCause
@@ -128,7 +129,8 @@ def drive(
 class Drive:
     """A run on a real rig, made ready before it begins.
 
-    The constructor opens nothing. It prepares the controller for the reference. `run` calls copies
+    The constructor opens nothing. It prepares the controller for the reference. The estimate begins
+    where the arm rests: at the equilibrium under the relaxed input. `run` calls copies
     of controller and observer, so that everything is compiled. Then it starts the driver, keeps the
     period, and always ends with ``driver.stop()``.
 
@@ -194,11 +196,12 @@ class Drive:
             hold = array("hold", hold, (model.nu,))
         self._rig = RealRig(model, driver, safe, period, controller, hold, source)
         inner = Ekf(model) if observer is None else observer
-        seeing = SeeingObserver(inner, self._rig, safe)
+        rest = _rest(model, self._rig.relaxed)
+        seeing = SeeingObserver(inner, self._rig, safe, rest)
         self._spare = another(driver, model) if watchdog else None
         options = RunOptions(
-            duration=duration, period=period, plant=self._rig, observer=seeing, name=name
-        )
+            duration=duration, period=period, plant=self._rig, observer=seeing, name=name, q0=rest
+        )  # fmt: skip
         if hasattr(controller, "prepare") and reference is not nowhere:
             aim = reference.reference if isinstance(reference, Experiment) else reference
             controller.prepare(aim)
@@ -392,6 +395,14 @@ class Drive:
         finally:
             over.set()
             thread.join()
+
+
+def _rest(model: SoftModel, relaxed: np.ndarray) -> np.ndarray | None:
+    """The configuration (nq,) in which the arm hangs before a run; None without an equilibrium."""
+    try:
+        return settle(model, relaxed).q
+    except StaticsError:
+        return None
 
 
 class _Held:

@@ -64,6 +64,8 @@ class RealRig:
         The readings.
     sent : ndarray, (nu,)
         The last commands.
+    sent_at : float
+        When they were sent (s).
     relaxed : ndarray, (nu,)
         The input nearest to zero within its bounds.
     begin : float
@@ -93,6 +95,7 @@ class RealRig:
         self.read = NewestReadings(len(names))
         self.relaxed = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
         self.begin, self.late, self.missed, self._steps = 0.0, 0.0, 0, 0
+        self.sent_at = 0.0
         self.settings: Mapping[str, Any] = {"contacts": True, "plant": type(driver).__name__}
         motors = [actuator.name for actuator in robot.actuators]
         self.channels = (
@@ -190,6 +193,7 @@ class RealRig:
         moved = self._free + np.where(self._speeds, asked * self._period, 0.0)
         self._free = np.clip(moved, self._winches.lower, self._winches.upper)
         self.sent = asked
+        self.sent_at = self._source.now()
         with blamed(StopCause.DRIVER, "send()"):
             self._driver.send(asked.copy())
 
@@ -207,22 +211,35 @@ class SeeingObserver:
         The rig.
     safe : FailSafe
         It stops the run.
+    rest : ndarray, (nq,), optional
+        The configuration in which the arm rests before the run. The estimate begins there, if the
+        observer's `reset` takes a ``q``.
     """
 
-    def __init__(self, observer: Observer, rig: RealRig, safe: FailSafe) -> None:
+    def __init__(
+        self, observer: Observer, rig: RealRig, safe: FailSafe, rest: np.ndarray | None = None
+    ) -> None:
         self.observer, self._rig, self._safe = observer, rig, safe
-        known = inspect.signature(observer.step).parameters
-        self._stamped = "stamps" in known
+        self._takes = {"stamps", "sent"} & set(inspect.signature(observer.step).parameters)
+        resets = getattr(observer, "reset", lambda: None)
+        known = inspect.signature(resets).parameters
+        self._rest = {} if rest is None or "q" not in known else {"q": rest}
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name == "observer":
             raise AttributeError(name)
         return getattr(self.observer, name)
 
+    def reset(self) -> None:
+        """Begin a run."""
+        if hasattr(self.observer, "reset"):
+            self.observer.reset(**self._rest)
+
     def step(self, t: float, measurements: np.ndarray, u: np.ndarray) -> Any:
         """The observer's estimate at t (s)."""
-        read = self._rig.read
-        more = {"stamps": read.stamps - self._rig.begin} if self._stamped else {}
+        read, begin = self._rig.read, self._rig.begin
+        times = {"stamps": read.stamps - begin, "sent": self._rig.sent_at - begin}
+        more = {name: times[name] for name in self._takes}
         with blamed(StopCause.OBSERVER, "observer"):
             estimate = self.observer.step(t, read.new, u, **more)
             if not (np.isfinite(estimate.q).all() and np.isfinite(estimate.v).all()):

@@ -171,7 +171,7 @@ class ServedRig:
         self._listening.setblocking(False)
         self.port = int(self._listening.getsockname()[1])
         self._clients: dict[socket.socket, tuple[bytearray, bytearray]] = {}
-        self._steps, self._slipped, self.over = 0, 0.0, False
+        self._steps, self._read, self._slipped, self.over = 0, 0, 0.0, False
         self._begin = clock()
 
     @property
@@ -238,13 +238,21 @@ class ServedRig:
             The twin diverges.
         """
         now = self._clock()
+        self._simulate(now)
+        if self._steps == self._read:
+            return self._nothing, self._nothing
+        self._read = self._steps
+        return self.faults.pass_on(*self._readings(), now)
+
+    def _simulate(self, now: float) -> None:
+        """Simulate up to now (s) under the commands that act."""
         behind = now - self._begin - self._steps * self.timestep
         if behind > BEHIND:
             self._begin += behind - BEHIND
             self._slipped += behind - BEHIND
         steps = int((now - self._begin) / self.timestep) - self._steps
         if steps <= 0:
-            return self._nothing, self._nothing
+            return
         plant, state = self._plant, self._model.state(*self._plant.state())
         if self._commands is None:
             u = plant.direct(self._relaxed, self._none, state)
@@ -252,7 +260,6 @@ class ServedRig:
             u = plant.direct(self._commands, self._all, state)
         plant.advance(u, steps, state)
         self._steps += steps
-        return self.faults.pass_on(*self._readings(), now)
 
     def _readings(self) -> tuple[np.ndarray, np.ndarray]:
         """The readings (k,) that are new at the end of the last step, NaN for others; times."""
@@ -312,11 +319,13 @@ class ServedRig:
             said = json.loads(line)
             match said:
                 case {"send": values}:
-                    self._commands = vector("send", values, self._model.nu)
-                    self._sent_at, self._relaxed_at = self._clock(), None
+                    commands, now = vector("send", values, self._model.nu), self._clock()
+                    self._simulate(now)
+                    self._commands, self._sent_at, self._relaxed_at = commands, now, None
                 case {"stop": True}:
-                    self._commands = None
-                    self._relaxed_at = self._relaxed_at or self._clock()
+                    now = self._clock()
+                    self._simulate(now)
+                    self._commands, self._relaxed_at = None, self._relaxed_at or now
                 case {"fault": "die"}:
                     self.over = True
                 case {"fault": "none"}:

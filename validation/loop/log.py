@@ -300,19 +300,18 @@ class Log:
 
     @property
     def step_times_us(self) -> dict[str, float | None]:
-        """Median, 99 %, 99.9 % and maximum (µs) of the control step; None without steps."""
-        if not self.steps:
-            return dict.fromkeys(STEP_TIMES)
-        return {name: float(np.percentile(self.step_us, p)) for name, p in STEP_TIMES.items()}
+        """Median, 99 %, 99.9 % and maximum (µs) of the control step; None without steps.
+
+        Periods that a rig's clock has left out do not count.
+        """
+        return _quantiles(self.step_us)
 
     @property
     def jitter_us(self) -> dict[str, float | None]:
         """Median, 99 %, 99.9 % and maximum (µs) of the lateness of a period on a real rig."""
-        if self.clock is None or not np.isfinite(self.clock).any():
+        if self.clock is None:
             return dict.fromkeys(STEP_TIMES)
-        late = 1e6 * (self.clock - self.clock[0] - self.t)
-        late = late[np.isfinite(late)]
-        return {name: float(np.percentile(late, p)) for name, p in STEP_TIMES.items()}
+        return _quantiles(1e6 * (self.clock - self.clock[0] - self.t))
 
     @property
     def moving(self) -> bool:
@@ -422,11 +421,9 @@ class Log:
             f"final error    {self.final_error_cm:.3f} cm{sp}",
             f"mean |e|^2     {self.mse_cm2:.3f} cm²{tt}",
         ]
-        if self.steps:
-            parts = ", ".join(f"{name} {value:.0f}" for name, value in self.step_times_us.items())
+        if parts := _stated(self.step_times_us):
             lines.append(f"step time      {parts} us over {self.steps} steps")
-        if self.missed is not None and self.steps:
-            parts = ", ".join(f"{name} {value:.0f}" for name, value in self.jitter_us.items())
+        if self.missed is not None and (parts := _stated(self.jitter_us)):
             lines.append(
                 f"clock          periods began late by {parts} us; "
                 f"{np.nansum(self.missed):.0f} deadlines missed"
@@ -571,3 +568,16 @@ class Log:
         about |= {name: np.array(about[name]) for name in ("u_min", "u_max")}
         about["marks"] = tuple(TaskMark.of(table) for table in about["marks"])
         return cls(channels, **about | {"source": LoggedRobot(**about["source"])})
+
+
+def _quantiles(values: np.ndarray) -> dict[str, float | None]:
+    """The percentiles `STEP_TIMES` of the values that are finite; None without any."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return dict.fromkeys(STEP_TIMES)
+    return {name: float(np.percentile(known, p)) for name, p in STEP_TIMES.items()}
+
+
+def _stated(times: Mapping[str, float | None]) -> str:
+    """Times (µs) in one line; empty where none is known."""
+    return ", ".join(f"{name} {value:.0f}" for name, value in times.items() if value is not None)

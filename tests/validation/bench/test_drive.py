@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from softdyn import InputError, SetPoint
 from softdyn.controllers import best
 from softdyn.estimation import Ekf
+from softdyn.statics import settle
 from softdyn.validation import Log, drive, simulate
 from softdyn.validation.bench.drive import Drive
 from softdyn.validation.bench.fail_safe import RigLimits, StopCause
@@ -56,6 +58,44 @@ def test_driven_and_simulated_end_at_the_same_tip(model, rig):
     assert math.dist(real.y[-1], twin.y[-1]) < 2e-3
     assert rig.stops == 1
     assert rig.rig.state()["relaxed_at"] is not None
+
+
+def test_the_estimate_begins_where_the_arm_rests(model, rig):
+    """The springs give way to the weight by far more than the readings' noise."""
+    sag = settle(model, np.zeros(2)).q
+    assert abs(sag).min() > 0.02
+    for _ in range(4000):
+        rig.hands.pass_(PERIOD)
+        rig.rig.advance()
+    observer = Ekf(model)
+    log = run(model, rig, held(model, (0.0, 0.0)), observer=observer).log
+    assert log.q[0] == pytest.approx(sag, abs=1e-9)
+    assert log.q_seen == pytest.approx(np.tile(sag, (log.steps, 1)), abs=1e-3)
+    assert observer.counts.refuted == 0
+
+
+def test_the_observer_hears_when_commands_were_sent(model, rig):
+    """A controller that takes most of its period: without these times the estimate is worse."""
+    exact = tuple(replace(one, noise=(1e-5,)) for one in model.robot.sensors[:2])
+    errors = []
+    for hears in (True, False):
+        ekf = Ekf(model, (*exact, *model.robot.sensors[2:]))
+        made, seen = tower(model), []
+
+        class Hearing:
+            components = ekf.components
+
+            def step(self, t, measurements, u, stamps, sent, ekf=ekf, hears=hears):
+                return ekf.step(t, measurements, u, stamps, sent if hears else None)
+
+        def law(state, reference, made=made, seen=seen):
+            seen.append(np.linalg.norm(state.v - made.rig._plant.state()[1]))
+            made.hands.pass_(0.8 * PERIOD)
+            return 4.0 * np.where(len(seen) // 3 % 2, 1.0, -1.0) * np.ones(2)
+
+        run(model, made, law, duration=1.0, observer=Hearing())
+        errors.append(np.median(seen))
+    assert errors[0] < 0.5 * errors[1]
 
 
 def test_the_log_has_both_clocks_and_comes_back_from_its_files(model, rig, tmp_path):
