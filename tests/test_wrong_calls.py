@@ -19,7 +19,6 @@ from softdyn.validation import StateMap, Twin
 MODEL = softdyn.load("finger")
 REST = statics.rest(MODEL)
 Q, U, TIP = MODEL.q0, np.array([-0.1, -0.1]), REST.y
-LIMITS = (MODEL.lower, MODEL.upper)
 RUBBING = Capstan(MODEL, np.full(len(MODEL.robot.tendons), 0.1))
 
 
@@ -35,11 +34,11 @@ def listed(generate):
 
 STATICS = [
     (statics.settle, {"model": MODEL, "u": U, "start": Q}),
-    (statics.balance, {"model": MODEL, "u": U, "start": Q, "soft": None}),
+    (statics.balance, {"model": MODEL, "u": U, "start": Q}),
     (statics.ramp, {"model": MODEL, "u": U, "start": REST}),
     (statics.rest, {"model": MODEL}),
     (statics.approach,
-     {"start": REST, "target": TIP, "steps": 1, "soft": None, "stay_stable": False}),
+     {"start": REST, "target": TIP, "steps": 1, "stay_stable": False}),
     (statics.explore, {"model": MODEL, "target": TIP, "q": Q, "u": U, "steps": 1}),
     (statics.inputs_for_tip,
      {"model": MODEL, "target": TIP, "starts": (), "guesses": (), "shapes": 0, "seed": 0,
@@ -61,8 +60,6 @@ STATICS = [
     (statics.loop_around, {"one": REST}),
     (statics.reach_by_direction, {"rests": [REST], "axis": TIP, "side": 0.1}),
     (statics.Loop, {"centre": TIP, "a": TIP, "b": TIP, "omega": 1.0}),
-    (statics.HardStops.of, {"model": MODEL}),
-    (statics.SoftStops, {"weight": np.ones(4), "lower": LIMITS[0], "upper": LIMITS[1]}),
     (statics.TipSearch(TIP, (REST,)).distance, {"equilibrium": REST}),
     (statics.rest_interval, {"capstan": RUBBING, "u": U}),
     (statics.rest_after, {"capstan": RUBBING, "u": U, "direction": 1.0, "start": Q}),
@@ -195,7 +192,6 @@ def test_the_table_lists_the_public_functions():
     tested |= {
         "distance",
         "of",
-        "HardStops",
         "ReachCell",
         "TipSearch",
         "TaskSearch",
@@ -220,10 +216,7 @@ def test_the_table_lists_the_public_functions():
     assert set(re.findall(r" as (\w+)", inspect.getsource(identification))) <= tested
 
 
-def test_stops_of_another_robot_are_refused():
-    stops = statics.SoftStops(np.ones(3), -np.ones(3), np.ones(3))
-    with pytest.raises(InputError, match=r"^soft: expected stops of 4 joints, got of 3$"):
-        statics.balance(MODEL, U, Q, stops)
+def test_a_guess_is_a_pair():
     with pytest.raises(InputError, match=r"^guesses: expected pairs \(q, u\)"):
         statics.inputs_for_tip(MODEL, TIP, guesses=[(Q, U, U)])
 

@@ -14,7 +14,6 @@ from softdyn.identification.parameters import Parameter, columns_of
 from softdyn.identification.unknowns.kinds import Around, MotionSample
 from softdyn.statics.equilibria import newton, settle
 from softdyn.statics.friction import Rubbing, stated
-from softdyn.statics.stops import HardStops
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +67,7 @@ def rests(
             slid = _of_tendons(model, way)
             if len(capstan.tendon):
                 friction = Rubbing(capstan, u, stated(slid[capstan.tendon], model))
-                here, H = newton(model, u, rest.q, HardStops.of(model), friction)
+                here, H = newton(model, u, rest.q, friction)
                 state, held = here.state, here.held
         path[k] = model.coordinates(state.q)
         if count:

@@ -20,8 +20,6 @@ Files
 -----
 equilibrium
     An equilibrium: balance, stiffness, stability, poles, sensitivities.
-stops
-    Joint limits, hard and soft.
 equilibria
     Solvers: `settle`, `balance`, `ramp`, `rest`.
 branch
@@ -60,7 +58,6 @@ from softdyn.statics.reachable import (
     spread_rests,
 )
 from softdyn.statics.samples import random_inputs, random_shapes, sample_between, sample_rests
-from softdyn.statics.stops import HardStops, SoftStops
 from softdyn.statics.target_search import (
     TaskSearch,
     TipSearch,
@@ -71,7 +68,7 @@ from softdyn.statics.unknown_inputs import explore
 from softdyn.statics.zero_dynamics import zero_spectrum
 
 __all__ = [
-    "Diagnosis", "Equilibrium", "HardStops", "Loop", "ReachCell", "SoftStops", "StaticsError",
+    "Diagnosis", "Equilibrium", "Loop", "ReachCell", "StaticsError",
     "StuckRest", "TaskSearch", "TipSearch", "approach", "balance", "diagnose", "explore",
     "follow", "gravity_stiffness", "inputs_for_tasks", "inputs_for_tip", "loop_around",
     "potential", "ramp", "random_inputs", "random_shapes", "reach_by_direction", "residual",

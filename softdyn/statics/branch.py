@@ -8,9 +8,8 @@ import numpy as np
 
 from softdyn.checks import array, flag, instance, whole
 from softdyn.dynamics.model import SoftModel, State
-from softdyn.statics.equilibria import balance, check_stops, move
+from softdyn.statics.equilibria import balance, move
 from softdyn.statics.equilibrium import Equilibrium, StaticsError
-from softdyn.statics.stops import SoftStops
 
 REACHED = 1e-6  # m; a tip this close is at the target
 Measure = Callable[[State], tuple[np.ndarray, np.ndarray]]
@@ -18,12 +17,7 @@ LARGEST_STEP = 0.3  # largest motion of a joint in one step along a branch (rad,
 
 
 def approach(
-    start: Equilibrium,
-    target: np.ndarray,
-    steps: int = 60,
-    soft: SoftStops | None = None,
-    *,
-    stay_stable: bool = False,
+    start: Equilibrium, target: np.ndarray, steps: int = 60, *, stay_stable: bool = False
 ) -> Equilibrium:
     """Follow the branch of `start` until the tip is as close to `target` as its inputs allow.
 
@@ -38,15 +32,13 @@ def approach(
         The target in the world (m).
     steps : int
         Largest number of steps.
-    soft : SoftStops, optional
-        The stops of `start`, if they are not exact.
     stay_stable : bool
         End before the branch loses its stability.
     """
     instance("start", start, Equilibrium, "an Equilibrium")
     target = array("target", target, (3,))
 
-    return descend(start, tip_error(target), steps, soft, stay_stable=stay_stable)
+    return descend(start, tip_error(target), steps, stay_stable=stay_stable)
 
 
 def tip_error(target: np.ndarray) -> Measure:
@@ -55,18 +47,13 @@ def tip_error(target: np.ndarray) -> Measure:
 
 
 def descend(
-    start: Equilibrium,
-    measure: Measure,
-    steps: int = 60,
-    soft: SoftStops | None = None,
-    *,
-    stay_stable: bool = False,
+    start: Equilibrium, measure: Measure, steps: int = 60, *, stay_stable: bool = False
 ) -> Equilibrium:
     """Follow the branch of `start` until an error is as small as the inputs allow.
 
     Parameters
     ----------
-    start, steps, soft, stay_stable
+    start, steps, stay_stable
         As in `approach`.
     measure : Callable
         State → error e (r,), zero at the target, and its Jacobian ∂e/∂q (r, nv).
@@ -74,7 +61,6 @@ def descend(
     from scipy.optimize import lsq_linear  # imported only here, because it is slow to import
 
     model, here = start.model, start
-    check_stops(model, soft)
     flag("stay_stable", stay_stable)
     scale = input_scale(model, start)
     low, high = model.u_min / scale, model.u_max / scale
@@ -91,7 +77,7 @@ def descend(
         du = lsq_linear(rows, goal, room, method="bvls").x * scale
         change = here.joint_sensitivity @ du
         du *= min(1.0, LARGEST_STEP / max(np.abs(change).max(initial=0.0), 1e-300))
-        after = follow(here, np.clip(here.u + du, model.u_min, model.u_max), soft)
+        after = follow(here, np.clip(here.u + du, model.u_min, model.u_max))
         if after is not None and stay_stable and not after.stable:
             after = None
         left, turned = (error, jacobian) if after is None else measure(after.state)
@@ -99,7 +85,7 @@ def descend(
             gain = 1 - np.linalg.norm(left) / np.linalg.norm(error)
             here, error, jacobian = after, left, turned
             damping = max(damping / 10, 1e-9)
-            if gain < (1e-9 if soft is None else 1e-4):
+            if gain < 1e-9:
                 break
         elif damping > 1e3:
             break
@@ -121,11 +107,11 @@ def input_scale(model: SoftModel, start: Equilibrium) -> np.ndarray:
     return np.clip(needed, 1e-9, span)
 
 
-def follow(here: Equilibrium, u: np.ndarray, soft: SoftStops | None = None) -> Equilibrium | None:
+def follow(here: Equilibrium, u: np.ndarray) -> Equilibrium | None:
     """The equilibrium under `u` (nu,) on the same branch; None if Newton's method leaves it."""
     change = here.joint_sensitivity @ (u - here.u)
     try:
-        after = balance(here.model, u, move(here.model, here.q, change), soft)
+        after = balance(here.model, u, move(here.model, here.q, change))
     except StaticsError:
         return None
     moved = np.abs(here.model.coordinates(after.q) - here.model.coordinates(here.q))

@@ -20,8 +20,7 @@ from softdyn.dynamics.text import head, joint_lines, numbers, rig_lines
 from softdyn.exceptions import SoftdynError, UrdfError
 from softdyn.statics.cable_edges import cable_edges
 from softdyn.statics.equilibria import rest
-from softdyn.statics.equilibrium import Equilibrium
-from softdyn.statics.stops import locked_inputs
+from softdyn.statics.equilibrium import Equilibrium, locked_inputs
 from softdyn.statics.suspicious_values import (
     fast_springs,
     suspicious_shapes,

@@ -13,9 +13,7 @@ from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel, State, check_model
 from softdyn.dynamics.projection import Projection, underlying_tree
 from softdyn.dynamics.stops import Stops
-from softdyn.exceptions import InputError
 from softdyn.statics.equilibrium import ROUNDING, Equilibrium, StaticsError, potential
-from softdyn.statics.stops import HardStops, SoftStops
 
 TOLERANCE = 1e-10  # residual over the largest force
 LARGEST_STEP = 0.3  # largest motion of a joint in one iteration (rad, m), to stay in the basin
@@ -47,12 +45,12 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
         For a wrong shape or a number that is not finite.
     """
     u = array("u", u, (check_model(model).nu,))
-    stops = HardStops.of(model)
-    q = _placed(model, model.q0 if start is None else start, stops)
+    stops = Stops.of(model)
+    q = _placed(model, model.q0 if start is None else start)
     damping = 1e-3
     energy = potential(model, q, u)
     for _ in range(ITERATIONS):
-        here = _forces(model, q, u, stops)
+        here = _forces(model, q, u)
         free = np.flatnonzero(~here.held)
         H = stiffness(model, q, u)
         block = H[np.ix_(free, free)]
@@ -77,7 +75,7 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
             predicted = step @ here.r + step @ H @ step / 2
             rounding = 1e-13 * (abs(energy) + here.scale)
             if abs(predicted) <= rounding:  # the change is only rounding: compare residuals
-                good = _forces(model, after, u, stops).left < here.left
+                good = _forces(model, after, u).left < here.left
             else:
                 good = predicted < 0 and change <= 0.1 * predicted
             if good or damping > 1e12:
@@ -87,15 +85,13 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
             break
         q, energy = after, energy + change
         damping = 0.0 if damping < 1e-9 else damping / 10
-    here, H = _forces(model, q, u, stops), stiffness(model, q, u)
+    here, H = _forces(model, q, u), stiffness(model, q, u)
     if _balanced(here, H, 1e4):
         return _equilibrium(model, u, here, H)
     raise StaticsError(f"no stable equilibrium of {model.name} after {ITERATIONS} steps", here.left)
 
 
-def balance(
-    model: SoftModel, u: np.ndarray, start: np.ndarray, soft: SoftStops | None = None
-) -> Equilibrium:
+def balance(model: SoftModel, u: np.ndarray, start: np.ndarray) -> Equilibrium:
     """The equilibrium near `start`, stable or not: Newton's method on r(q, u) = 0.
 
     Parameters
@@ -106,8 +102,6 @@ def balance(
         Input; it need not be within its bounds.
     start : ndarray, (nq,)
         Configuration; joints beyond a limit are moved to it.
-    soft : SoftStops, optional
-        Stops that repel a joint instead of holding it; the equilibrium's stiffness includes theirs.
 
     Raises
     ------
@@ -117,8 +111,7 @@ def balance(
         For a wrong shape or a number that is not finite.
     """
     u = array("u", u, (check_model(model).nu,))
-    check_stops(model, soft)
-    here, H = newton(model, u, start, soft or HardStops.of(model))
+    here, H = newton(model, u, start)
     return _equilibrium(model, u, here, H)
 
 
@@ -136,7 +129,6 @@ def newton(
     model: SoftModel,
     u: np.ndarray,
     start: np.ndarray,
-    stops: HardStops | SoftStops,
     friction: FrictionAtRest | None = None,
 ) -> tuple[Forces, np.ndarray]:
     """Newton's method of `balance`, also with friction: K + g - B u - friction = 0.
@@ -146,13 +138,12 @@ def newton(
     forces : Forces
         The forces at the equilibrium.
     stiffness : ndarray, (nv, nv)
-        The tangent stiffness, with those of the stops and of friction.
+        The tangent stiffness, with that of friction.
     """
-    q = _placed(model, start, stops)
-    here = _forces(model, q, u, stops, friction)
+    stops, q = Stops.of(model), _placed(model, start)
+    here = _forces(model, q, u, friction)
     for _ in range(60):
-        at = model.coordinates(q)
-        H = stiffness(model, q, u) + np.diag(stops.stiffness(at))
+        at, H = model.coordinates(q), stiffness(model, q, u)
         if friction is not None:
             H += friction.stiffness(here.state)
         size = here.left
@@ -165,7 +156,7 @@ def newton(
         step = _limited(step)
         for _ in range(12):
             after = model.integrate(q, stops.clip(at, step))
-            there = _forces(model, after, u, stops, friction)
+            there = _forces(model, after, u, friction)
             if np.linalg.norm(there.r - there.stops) < np.linalg.norm(r):
                 break
             step /= 2
@@ -207,7 +198,7 @@ def ramp(
     while s < 1.0:
         ds = min(ds, 1.0 - s)
         target = first + (s + ds) * (u - first)
-        change = HardStops.of(model).clip(
+        change = Stops.of(model).clip(
             model.coordinates(found.q), found.joint_sensitivity @ (target - found.u)
         )
         far = np.abs(change).max(initial=0.0) > SNAP
@@ -234,7 +225,7 @@ def rest(model: SoftModel) -> Equilibrium:
 
 def move(model: SoftModel, q: np.ndarray, step: np.ndarray) -> np.ndarray:
     """q ⊕ step (nq,), with each joint's motion cut at its limits."""
-    return model.integrate(q, HardStops.of(model).clip(model.coordinates(q), step))
+    return model.integrate(q, Stops.of(model).clip(model.coordinates(q), step))
 
 
 class Forces(NamedTuple):
@@ -252,24 +243,11 @@ class Forces(NamedTuple):
         return float(np.abs(self.r - self.stops).max(initial=0.0))
 
 
-def check_stops(model: SoftModel, soft: SoftStops | None) -> None:
-    """Refuse anything but `SoftStops` for the model's number of joints."""
-    if soft is None:
-        return
-    size = len(instance("soft", soft, SoftStops, "SoftStops").weight)
-    if size != model.nv:
-        raise InputError("soft", f"stops of {model.nv} joints", f"of {size}")
-
-
 # -- inside --------------------------------------------------------------------------------------
 
 
 def _forces(
-    model: SoftModel,
-    q: np.ndarray,
-    u: np.ndarray,
-    stops: HardStops | SoftStops,
-    friction: FrictionAtRest | None = None,
+    model: SoftModel, q: np.ndarray, u: np.ndarray, friction: FrictionAtRest | None = None
 ) -> Forces:
     state = model.state(q, np.zeros(model.nv))
     r = state.K + state.bias - state.B @ u
@@ -279,7 +257,8 @@ def _forces(
         forces.append(friction.forces(state))
         r -= forces[-1]
     scale = max(float(np.abs(force).max(initial=0.0)) for force in forces)
-    return Forces(state, r, max(scale, 1e-12), *stops.push(model.coordinates(q), r))
+    held = Stops.of(model).held(model.coordinates(q), r)
+    return Forces(state, r, max(scale, 1e-12), np.where(held, r, 0.0), held)
 
 
 def _balanced(here: Forces, H: np.ndarray, times: float = 1.0) -> bool:
@@ -300,11 +279,11 @@ def _apart(model: SoftModel, a: np.ndarray, b: np.ndarray) -> float:
     return float(np.abs(pin.difference(tree.pin_model, a, b)).max(initial=0.0))
 
 
-def _placed(model: SoftModel, q: np.ndarray, stops: HardStops | SoftStops) -> np.ndarray:
+def _placed(model: SoftModel, q: np.ndarray) -> np.ndarray:
     """q (nq,) with joints beyond a stop moved to it."""
     q = array("start", q, (model.nq,))
     at = model.coordinates(q)
-    return model.integrate(q, stops.within(at) - at)
+    return model.integrate(q, Stops.of(model).within(at) - at)
 
 
 def _limited(step: np.ndarray) -> np.ndarray:

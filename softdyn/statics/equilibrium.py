@@ -25,6 +25,7 @@ from softdyn.dynamics.model import SoftModel, State, check_model
 from softdyn.exceptions import InputError, SoftdynError
 
 ROUNDING = 1e-12  # of the forces, over a radian or a metre; a stiffness below it is rounding
+NO_ROOM = 1e-6  # of an input's bounds; a narrower range counts as none
 
 
 class StaticsError(SoftdynError, ArithmeticError):
@@ -201,6 +202,12 @@ class RankedEquilibria(Frozen):
     def nearest_stable(self) -> Equilibrium | None:
         """The closest stable equilibrium; None if none was found."""
         return next((one for one in self.found if one.stable), None)
+
+
+def locked_inputs(model: SoftModel) -> np.ndarray:
+    """Inputs (nu,) bool whose bounds leave them one value, such as a preload."""
+    size = np.maximum(np.abs(check_model(model).u_min), np.abs(model.u_max))
+    return model.u_max - model.u_min <= NO_ROOM * np.maximum(size, 1e-3)
 
 
 def residual(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:

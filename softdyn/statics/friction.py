@@ -27,7 +27,6 @@ from softdyn.dynamics.model import SoftModel, State
 from softdyn.exceptions import InputError
 from softdyn.statics.equilibria import newton, settle
 from softdyn.statics.equilibrium import StaticsError
-from softdyn.statics.stops import HardStops
 
 STICK = 1e-10  # sliding up to which a cable sticks (m, or the unit of a fixed tendon's length)
 FALLING = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, STICK)
@@ -183,7 +182,7 @@ def _step(capstan: Capstan, u: np.ndarray, before: np.ndarray) -> StuckRest:
 def _solve(capstan: Capstan, u: np.ndarray, q: np.ndarray, direction: Direction) -> StuckRest:
     """The rest near a shape, with the directions of sliding as a function of the shape."""
     model = capstan.model
-    here, _ = newton(model, u, q, HardStops.of(model), Rubbing(capstan, u, direction))
+    here, _ = newton(model, u, q, Rubbing(capstan, u, direction))
     return StuckRest(here.state, u, direction(here.state.q)[0], here.left)
 
 

@@ -10,8 +10,7 @@ from softdyn.checks import instances, whole
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.statics.branch import approach
 from softdyn.statics.equilibria import rest, settle
-from softdyn.statics.equilibrium import Equilibrium, StaticsError
-from softdyn.statics.stops import locked_inputs
+from softdyn.statics.equilibrium import Equilibrium, StaticsError, locked_inputs
 
 STATIONS = 12  # equilibria along a ray of inputs
 

@@ -10,6 +10,7 @@ most cases.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -19,14 +20,15 @@ from softdyn.dynamics.model import SoftModel, State, check_model
 from softdyn.dynamics.stops import Stops
 from softdyn.statics.branch import REACHED, Measure, descend, input_scale, tip_error
 from softdyn.statics.equilibria import balance, rest
-from softdyn.statics.equilibrium import Equilibrium, StaticsError
+from softdyn.statics.equilibrium import Equilibrium, StaticsError, locked_inputs
 from softdyn.statics.samples import balancing_input
-from softdyn.statics.stops import SoftStops, locked_inputs
 
 ITERATIONS = 40
 LARGEST_STEP = 0.5  # of a joint's scale in one iteration
 LARGEST_DAMPING = 1.0  # with more of it the steps are too small to arrive
-EVALUATIONS = 100  # of the least squares, for each of `STAGES`
+MOST_DAMPING = 1e6  # where the errors may stay
+GAIN = 1e-6  # a smaller relative fall of the squares is the last
+STEPS = 100  # for each of `STAGES`
 ENOUGH = 1e-16  # sum of the squared scaled residuals
 CLOSE = 1e-10  # of it: from here `balance` is tried
 STAGES = (1.0, 0.1, 0.03, 0.01, 0.0)  # weights of the error, relative to the forces
@@ -85,6 +87,11 @@ class TargetProblem:
             length = max(float(np.linalg.norm(measure(start.state)[1] * span)), 1e-3) / 30
         return cls(model, measure, locked, free, fixed, scale, force, length, low, high)
 
+    @cached_property
+    def joints(self) -> np.ndarray:
+        """Unknowns (unknowns,) bool that are joint coordinates."""
+        return self.free < self.model.nv
+
     def unknowns(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
         """The unknowns of a configuration (nq,) and an input (nu,)."""
         q, u = array("q", q, (self.model.nq,)), array("u", u, (self.model.nu,))
@@ -101,10 +108,15 @@ class TargetProblem:
         coordinates, u = self.values(x)
         return self.model.configuration(coordinates), u
 
-    def stops(self, softness: float) -> SoftStops:
-        """The soft stops for one of `SOFTNESS`."""
-        model = self.model
-        return SoftStops(softness * self.force * self.scale[: model.nv], model.lower, model.upper)
+    def repulsion(self, at: np.ndarray, softness: float) -> tuple[np.ndarray, np.ndarray]:
+        """Forces (nv,) of soft stops at coordinates `at`, and the stiffness (nv,) that they add.
+
+        The repulsion is μ / gap, with a softness μ over a joint's force times its scale.
+        """
+        weight = softness * self.force * self.scale[: self.model.nv]
+        limits = at - self.model.lower, self.model.upper - at
+        below, above = (np.where(self.locked, np.inf, gap) for gap in limits)
+        return weight / below - weight / above, weight / below**2 + weight / above**2
 
     def near_stops(self, q: np.ndarray) -> bool:
         """Whether any joint with room is within a tenth of its scale of a limit."""
@@ -131,31 +143,26 @@ class _Residual:
     x: np.ndarray
     state: State
     rows: np.ndarray
-    soft: SoftStops | None
+    softness: float
     weight: float
 
     @classmethod
     def at(
-        cls,
-        problem: TargetProblem,
-        x: np.ndarray,
-        soft: SoftStops | None = None,
-        weight: float = 1.0,
+        cls, problem: TargetProblem, x: np.ndarray, softness: float = 0.0, weight: float = 1.0
     ) -> _Residual:
-        """With hard stops, which are not touched, the errors count in full, and inputs do not."""
+        """With hard stops, which are not touched, inputs do not count."""
         model = problem.model
         coordinates, u = problem.values(x)
         state = model.state(model.configuration(coordinates), np.zeros(model.nv))
         r = state.K + state.bias - state.B @ u
-        if soft is None:
-            r[problem.locked] = 0.0  # their stops take any force
-        else:
-            r = r - soft.push(coordinates, r)[0]
+        r[problem.locked] = 0.0  # their stops take any force
+        if softness:
+            r -= problem.repulsion(coordinates, softness)[0]
         error = weight * problem.measure(state)[0]
         rows = np.concatenate((r / problem.force, error / problem.length))
-        if soft is not None:
-            rows = np.concatenate((rows, LITTLE * weight * x[problem.free >= model.nv]))
-        return cls(problem, x, state, rows, soft, weight)
+        if softness:
+            rows = np.concatenate((rows, LITTLE * weight * x[~problem.joints]))
+        return cls(problem, x, state, rows, softness, weight)
 
     @property
     def cost(self) -> float:
@@ -169,25 +176,60 @@ class _Residual:
         jacobian = problem.measure(self.state)[1]
         slope = np.zeros((n + len(jacobian), n + model.nu))
         slope[:n, :n] = stiffness(model, self.state.q, u)
-        if self.soft is not None:
-            slope[:n, :n] += np.diag(self.soft.stiffness(coordinates))
+        if self.softness:
+            slope[:n, :n] += np.diag(problem.repulsion(coordinates, self.softness)[1])
         slope[:n, n:], slope[n:, :n] = -self.state.B, self.weight * jacobian
         slope[:n][problem.locked] = 0.0
         size = np.concatenate((problem.force, np.full(len(jacobian), problem.length)))[:, None]
-        # far from any equilibrium the way depends on rounding: each method keeps its order here
-        if self.soft is None:
-            return np.take(slope * (problem.scale / size), problem.free, axis=1)
-        slope = np.take(slope / size * problem.scale, problem.free, axis=1)
-        small = np.eye(len(self.x))[problem.free >= n]
+        slope = np.take(slope * (problem.scale / size), problem.free, axis=1)
+        if not self.softness:
+            return slope
+        small = np.eye(len(self.x))[~problem.joints]
         return np.vstack((slope, LITTLE * self.weight * small))
+
+    def moved(self, step: np.ndarray) -> _Residual:
+        """The residual after a step of the unknowns, cut at the bounds, and before soft stops."""
+        problem = self.problem
+        part = np.where(problem.joints & (self.softness > 0), 0.9, 1.0)
+        below, above = (part * (bound - self.x) for bound in (problem.low, problem.high))
+        x = np.clip(self.x + np.clip(step, below, above), problem.low, problem.high)
+        return _Residual.at(problem, x, self.softness, self.weight)
+
+
+def _least(here: _Residual, steps: int, most: float) -> _Residual:
+    """The least squares by Levenberg-Marquardt within the bounds, with a damping up to `most`.
+
+    With soft stops an input stays at its bound while the gradient leads out. Without them the steps
+    are only cut: so they find more from folded shapes.
+    """
+    problem, damping = here.problem, 1e-2
+    for _ in range(steps):
+        cost = here.cost
+        if cost < ENOUGH or damping > most:
+            break
+        slope = here.slope()
+        square, fall = slope.T @ slope, slope.T @ here.rows
+        out = (here.x <= problem.low) & (fall > 0) | (here.x >= problem.high) & (fall < 0)
+        free = np.flatnonzero(~out | (here.softness == 0))
+        block, step = square[np.ix_(free, free)], np.zeros(len(out))
+        while damping <= most:
+            step[free] = np.linalg.solve(block + damping * np.eye(len(free)), -fall[free])
+            largest = max(np.abs(step[problem.joints]).max(initial=0.0), 1e-300)
+            there = here.moved(step * min(1.0, LARGEST_STEP / largest))
+            if there.cost < cost:
+                here, damping = there, max(damping / 10, 1e-12)
+                break
+            damping = max(10 * damping, 1e-8)
+        if here.cost > (1 - GAIN) * cost:
+            break
+    return here
 
 
 def balance_at(problem: TargetProblem, q: np.ndarray, u: np.ndarray) -> Equilibrium:
     """The equilibrium, stable or not, with no error, from any shape.
 
     The method is Levenberg-Marquardt; steps are cut at the bounds of joints and inputs. It does not
-    find equilibria at a joint's limit. From shapes far away SciPy's methods find others, and take
-    twice as long.
+    find equilibria at a joint's limit.
 
     Parameters
     ----------
@@ -201,24 +243,9 @@ def balance_at(problem: TargetProblem, q: np.ndarray, u: np.ndarray) -> Equilibr
     StaticsError
         If it ends elsewhere.
     """
-    model, joints = problem.model, problem.free < problem.model.nv
+    model = problem.model
     x = np.clip(problem.unknowns(q, u), problem.low, problem.high)
-    here, damping = _Residual.at(problem, x), 1e-2
-    for _ in range(ITERATIONS):
-        cost = here.cost
-        if cost < ENOUGH or damping > LARGEST_DAMPING:
-            break
-        slope = here.slope()
-        square, fall = slope.T @ slope, slope.T @ here.rows
-        while damping <= LARGEST_DAMPING:
-            step = np.linalg.solve(square + damping * np.eye(len(x)), -fall)
-            step *= min(1.0, LARGEST_STEP / max(np.abs(step[joints]).max(initial=0.0), 1e-300))
-            x = np.clip(here.x + step, problem.low, problem.high)
-            there = _Residual.at(problem, x)
-            if there.cost < cost:
-                here, damping = there, max(damping / 10, 1e-12)
-                break
-            damping = max(10 * damping, 1e-8)
+    here = _least(_Residual.at(problem, x), ITERATIONS, LARGEST_DAMPING)
     if here.cost < CLOSE:
         q, u = problem.shape(here.x)
         found = balance(model, u, q)
@@ -229,14 +256,14 @@ def balance_at(problem: TargetProblem, q: np.ndarray, u: np.ndarray) -> Equilibr
 
 
 def explore(
-    model: SoftModel, target: np.ndarray, q: np.ndarray, u: np.ndarray, steps: int = EVALUATIONS
+    model: SoftModel, target: np.ndarray, q: np.ndarray, u: np.ndarray, steps: int = STEPS
 ) -> Equilibrium:
     """An equilibrium, stable or not, with its tip near `target`, from an arbitrary shape.
 
-    The method is bounded least squares on (q, u) (SciPy's reflective trust region). The residuals
-    are the forces, the tip's error, and u with a small weight, which prefers small inputs. The
-    weight of the tip's error falls until only the forces count. Joint limits are `SoftStops` first.
-    `approach` then continues with falling softness, and ends with exact stops.
+    The method is that of `balance_at` on (q, u). The residuals are the forces, the tip's error, and
+    u with a small weight, which prefers small inputs. The weight of the tip's error falls until
+    only the forces count. Joint limits are soft stops first, with falling softness. `approach` then
+    continues with exact stops.
 
     Parameters
     ----------
@@ -245,7 +272,7 @@ def explore(
     q, u : ndarray, (nq,), (nu,)
         The first configuration and input.
     steps : int
-        Largest number of evaluations for each weight.
+        Largest number of steps for each weight.
 
     Raises
     ------
@@ -257,30 +284,23 @@ def explore(
 
 
 def explore_from(
-    problem: TargetProblem, q: np.ndarray, u: np.ndarray, steps: int = EVALUATIONS
+    problem: TargetProblem, q: np.ndarray, u: np.ndarray, steps: int = STEPS
 ) -> Equilibrium:
     """`explore` for any errors."""
-    from scipy.optimize import least_squares  # imported only here, because it is slow to import
-
-    model, measure, stops = problem.model, problem.measure, problem.stops(SOFTNESS[0])
-    low, high = problem.low, problem.high
-    margin = 1e-6 * np.minimum(high - low, 1.0)
-    x = problem.unknowns(q, u)
+    model, measure = problem.model, problem.measure
+    margin = np.where(problem.joints, SOFTNESS[0], 0.0)
+    x = np.clip(problem.unknowns(q, u), problem.low + margin, problem.high - margin)
     for weight in STAGES:
-        x = least_squares(
-            lambda x, weight=weight: _Residual.at(problem, x, stops, weight).rows,
-            np.clip(x, low + margin, high - margin),
-            lambda x, weight=weight: _Residual.at(problem, x, stops, weight).slope(),
-            bounds=(low, high), max_nfev=steps, ftol=1e-6, xtol=1e-8, gtol=1e-12,
-        ).x  # fmt: skip
-    q, u = problem.shape(np.clip(x, low, high))
+        x = _least(_Residual.at(problem, x, SOFTNESS[0], weight), steps, MOST_DAMPING).x
+    q, u = problem.shape(x)
     if not problem.near_stops(q):
         try:
             found = balance(model, u, q)
         except StaticsError:  # u also balances the soft stops, and no stiffness takes their place
             found = balance(model, balancing_input(model, q), q)
         return descend(found, measure)
-    for soft in map(problem.stops, SOFTNESS):
-        here = descend(balance(model, u, q, soft), measure, 30, soft)
-        u, q = here.u, here.q
+    for softness in SOFTNESS[1:]:
+        for weight in STAGES[-2:]:
+            x = _least(_Residual.at(problem, x, softness, weight), steps, MOST_DAMPING).x
+    q, u = problem.shape(x)
     return descend(balance(model, u, problem.to_stops(q)), measure)

@@ -17,7 +17,7 @@ import numpy as np
 from softdyn.checks import whole
 from softdyn.dynamics.derivatives import gravity_stiffness, stiffness, tangent_dynamics
 from softdyn.dynamics.model import SoftModel, check_model
-from softdyn.statics.stops import locked_inputs
+from softdyn.statics.equilibrium import locked_inputs
 
 RANK_TOLERANCE = 1e-6  # singular values of B below this share of the largest count as zero
 UNLIMITED = math.pi  # range in which joints without limits are sampled

@@ -9,7 +9,6 @@ import pytest
 
 from softdyn import statics
 from softdyn.statics.branch import follow, input_scale
-from softdyn.statics.stops import SoftStops
 from softdyn.statics.unknown_inputs import TargetProblem
 from tests.statics.test_statics import STIFFNESS, G, pendulum
 
@@ -47,29 +46,24 @@ def test_the_size_of_an_input(tmp_path: Path, limits, gear, bounds, expected) ->
     assert input_scale(model, statics.balance(model, [0.0], [0.0])) == pytest.approx([expected])
 
 
-def test_soft_stops_repel() -> None:
-    """Their potential is -μ log of both gaps; joints start inside, and no step goes outside."""
-    lower, upper = np.array([-1.0, 0.5, 2.0]), np.array([2.0, 0.6, 7.0])
-    weight = np.array([1e-3, 2e-3, 5e-3])
-    stops = SoftStops(weight, lower, upper)
-    off = np.array([1e-4, 1e-5, 1e-4])  # a ten-thousandth of the range, at most 0.1 mrad
-    assert stops.within(lower - 1) == pytest.approx(lower + off, abs=1e-12)
-    assert stops.within(upper) == pytest.approx(upper - off, abs=1e-12)
-    at = lower + np.array([0.3, 0.8, 0.5]) * (upper - lower)
-    assert np.array_equal(stops.within(at), at)
+def test_soft_stops_repel(tmp_path: Path) -> None:
+    """Their potential is -μ log of both gaps; a limit that a joint lacks repels nothing."""
+    model = pendulum(tmp_path)
+    problem = TargetProblem.for_tip(model, np.zeros(3))
+    weight, e = 0.01 * problem.force * problem.scale[:1], 1e-5
 
     def energy(x: np.ndarray) -> np.ndarray:
-        return -weight * (np.log(x - lower) + np.log(upper - x))
+        return -weight * (np.log(x - model.lower) + np.log(model.upper - x))
 
-    e = 1e-5 * (upper - lower)
-    force, held = stops.push(at, np.zeros(3))
+    at = model.lower + 0.3 * (model.upper - model.lower)
+    force, stiffness = problem.repulsion(at, 0.01)
     assert force == pytest.approx((energy(at - e) - energy(at + e)) / (2 * e), rel=1e-6)
-    assert not held.any()
-    slope = (stops.push(at - e, at)[0] - stops.push(at + e, at)[0]) / (2 * e)
-    assert stops.stiffness(at) == pytest.approx(slope, rel=1e-6)
-    assert stops.clip(at, np.full(3, 9.0)) == pytest.approx(0.9 * (upper - at))
-    assert stops.clip(at, np.full(3, -9.0)) == pytest.approx(0.9 * (lower - at))
-    assert np.array_equal(stops.clip(at, np.zeros(3)), np.zeros(3))
+    below, above = (problem.repulsion(at + s * e, 0.01)[0] for s in (-1, 1))
+    assert stiffness == pytest.approx((below - above) / (2 * e), rel=1e-6)
+    free = TargetProblem.for_tip(
+        pendulum(tmp_path, changes={'limit lower="-1" upper="2"': "limit"}), np.zeros(3)
+    )
+    assert [float(x[0]) for x in free.repulsion(at, 0.01)] == [0.0, 0.0]
 
 
 def test_a_joint_is_near_its_stop_within_a_tenth_of_its_range(tmp_path: Path) -> None:

@@ -124,7 +124,6 @@ def objects(uses: Uses) -> list[tuple[Any, Callable[[Any], list[Any]]]]:
     line = tasks.Waypoints([0, 1], [[0.1, 0, 0], [0.2, 0, 0]])
     turns = tasks.Turns([0, 1], [np.eye(3)] * 2)
     kinematics, sensors = tasks.LinkKinematics(model), Sensors(observed)
-    stop = statics.HardStops.of(model)
     estimates = uses.estimate(estimation.Ekf(observed, disturbances=("tip_force",)))
     finger = design.FingerTendon((1,), (0.01,), 10.0)
     data = [
@@ -148,8 +147,7 @@ def objects(uses: Uses) -> list[tuple[Any, Callable[[Any], list[Any]]]]:
         safety.Surroundings(walls[:2]), *observed.robot.sensors, sensors.components,
         sensors.measure(observed.state(state.q, state.v), PUSH), Capstan(model, 0.1).at(state),
         # statics
-        rest, statics.diagnose(model, samples=2), statics.TipSearch(rest.y, (rest,)), stop,
-        statics.SoftStops(np.ones(4), stop.lower, stop.upper),
+        rest, statics.diagnose(model, samples=2), statics.TipSearch(rest.y, (rest,)),
         statics.Loop(rest.y, [0.01, 0, 0], [0, 0, 0.01], 1.0),
         statics.rest_after(Capstan(model, 0.1), np.zeros(2), 1.0),
         statics.TaskSearch((tasks.PointTask(tip),), SetPoint(rest.y), (rest,)),

@@ -182,8 +182,9 @@ def rests_at(
     seed : int
         Seed of all random numbers.
     seconds : float
-        Length of the twin's runs (s). guesses : iterable of (ndarray, ndarray) Further starting
-        points (q, u), (nq,) and (nu,), for each target.
+        Length of the twin's runs (s).
+    guesses : iterable of (ndarray, ndarray)
+        Further starting points (q, u), (nq,) and (nu,), for each target.
 
     Raises
     ------
