@@ -118,7 +118,7 @@ controllers = ["best", "mpc"]
 [targets]
 point = [[0.1, 0.0, -0.15]]
 
-[plant]
+[run]
 duration = 0.1
 """
 

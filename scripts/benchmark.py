@@ -78,7 +78,7 @@ def command(arguments: cli.Arguments) -> int:
         cli.write_report(drawn, arguments.json, "\n".join(files))
         return cli.PASSED
     cli.make_folder(out)
-    wanted = benchmark.jobs_of(cases)
+    wanted = benchmark.sweep(cases).jobs()
     executors.follow(benchmark.store(out).run(wanted, executors.strict(jobs)), wanted)
     kept = benchmark.committed()
     if arguments.ensemble:

@@ -84,7 +84,7 @@ def command(arguments: cli.Arguments) -> int:
     said = {key: getattr(arguments, key) for key in ("robots", "controllers", "period")}
     said |= {"annotations": arguments.annotations}
     said |= {"gains": cli.read_toml(arguments.gains) if arguments.gains else None}
-    wanted = read_sweep(arguments.file, said)
+    wanted = read_sweep(arguments.file, said, build=not arguments.dry_run)
     if not wanted.rows and (arguments.ensemble or arguments.keep):
         raise InputError("--ensemble, --keep", f"rows in {wanted.path}", "none")
     out = Path(arguments.out or Path("results") / wanted.path.stem)

@@ -147,6 +147,21 @@ class TomlTable:
             raise self.error(name, "a list of at least one word, none twice", value)
         return tuple(value)
 
+    def names(
+        self, name: str, default: Any = REQUIRED, among: Collection[str] = ()
+    ) -> tuple[str, ...]:
+        """A text, or a list of distinct texts, as a tuple; only those in `among`, if it has any."""
+        expected = "a text, or a list of distinct texts"
+        value = self._typed(name, (str, list), expected, default)
+        found = [value] if isinstance(value, str) else value
+        fits = all(isinstance(one, str) and one for one in found)
+        if not fits or len(set(found)) < len(found) or (name in self.values and not found):
+            raise self.error(name, expected, repr(value))
+        for one in found if among else ():
+            if one not in among:
+                raise self.error(name, f"any of {', '.join(among)}", did_you_mean(one, among))
+        return tuple(found)
+
     # -- tables ------------------------------------------------------------------------------------
 
     def table(self, name: str) -> TomlTable | None:
@@ -204,7 +219,7 @@ class TomlTable:
         self._known += keys
         self._usual += keys[:1]
 
-    def _typed(self, name: str, kind: type, expected: str, default: Any) -> Any:
+    def _typed(self, name: str, kind: Any, expected: str, default: Any) -> Any:
         self._ask([name])
         if name not in self.values:
             return self._default(name, "none", default)

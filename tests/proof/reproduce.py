@@ -52,7 +52,7 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.controllers import find_controller
     from softdyn.validation.files import write_text
     from softdyn.validation.studies import benchmark
-    from softdyn.validation.studies.engine import executors
+    from softdyn.validation.studies.engine import executors, worker
     from softdyn.validation.tables import Table
     from tests.proof.paper import reproduction
 
@@ -88,7 +88,7 @@ def command(arguments: cli.Arguments) -> int:
     for folder in (out, grid):
         cli.make_folder(folder)
     reproduction.run_experiments(wanted, out, jobs, files(arguments))
-    ours = benchmark.jobs_of(list(dict.fromkeys(case for _, case in wanted)))
+    ours = worker.jobs_of([*{case.name: case for _, case in wanted}.values()], log=True)
     executors.follow(benchmark.store(grid).run(ours, executors.strict(jobs)), ours)
     rows = reproduction.reproduction_rows(wanted, out, grid)
     write_text(out / "table.md", reproduction.reproduction_document(rows))

@@ -53,7 +53,7 @@ controllers = ["own.py:Spring"]
 point = [0.1, 0, -0.17]
 [gains]
 stiffness = {stiffness}
-[plant]
+[run]
 duration = 0.3
 """
 FINGER = """
@@ -61,7 +61,7 @@ robots = "finger"
 controllers = ["ic"]
 [targets]
 theta = [0.5, 1]
-[plant]
+[run]
 duration = 0.2
 [gains]
 """

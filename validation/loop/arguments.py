@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, Reference, SoftModel
-from softdyn.checks import array, in_degrees
+from softdyn.checks import array, flag, in_degrees, number
 from softdyn.controllers.staged import best
 from softdyn.estimation import Observer
 from softdyn.safety import Surroundings
 from softdyn.statics.suspicious_values import fast_springs
 from softdyn.toml_table import TomlTable
 from softdyn.validation.loop.experiment import Experiment
+from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.rig import Rig
-from softdyn.validation.twin.settings import Integrator
+from softdyn.validation.twin.settings import Integrator, integrator_of
 
 ReferenceLike = Experiment | Callable[[float], Reference]
 YIELD = 1e-3  # of a joint's range: a run may begin where another one pressed a joint on its stop
@@ -37,7 +38,8 @@ class RunOptions:
         default, 10 s and 2 ms without one. Where the period does not divide the duration, the last
         hold is shorter.
     timestep : float, optional
-        Plant step (s), which must divide the period; by default the largest ≤ 0.5 ms.
+        Plant step (s), which must divide the period; by default the largest ≤ 0.5 ms. ``inf`` is
+        one step per period.
     integrator : Integrator or str
         The twin's scheme.
     q0, v0 : np.ndarray, (nq,), (nv,), optional
@@ -84,23 +86,36 @@ class RunOptions:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str | None):
             raise InputError("name", "text", repr(self.name))
+        for key in ("duration", "period", "timestep"):
+            if getattr(self, key) is not None:
+                number(key, getattr(self, key), above=0.0, finite=key != "timestep")
+        for key in ("contacts", "friction"):
+            flag(key, getattr(self, key))
+        integrator_of(self.integrator)
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> RunOptions:
         """The options from a table, such as a TOML file's, or from the keywords of a call.
 
-        A table of `rig` or `surroundings` becomes the object.
+        A table of `plant` becomes a `PlantErrors`, one of `rig` or `surroundings` that object.
 
         Raises
         ------
         InputError
-            An unknown option; the error names the one that may be meant.
+            An unknown option; the error names the one that may be meant. Also for a value that its
+            object refuses.
         """
         values = TomlTable(given, "options").rest([field.name for field in fields(cls)])
-        for name, make in (("rig", Rig.of), ("surroundings", Surroundings.of)):
+        makers: dict[str, Callable[[Any], Any]]
+        makers = {"plant": _plant_errors, "rig": Rig.of, "surroundings": Surroundings.of}
+        for name, make in makers.items():
             if isinstance(values.get(name), Mapping):
                 values[name] = make(values[name])
         return cls(**values)
+
+
+def _plant_errors(table: Mapping[str, Any]) -> PlantErrors:
+    return TomlTable(table, "plant").make(PlantErrors)
 
 
 def check_robot(model: SoftModel, experiment: Experiment) -> None:

@@ -51,7 +51,8 @@ class TimeGrid:
         duration, period : float
             Length of the run and control period (s).
         timestep : float, optional
-            Plant step (s), which must divide the period; by default the largest ≤ `most`.
+            Plant step (s), which must divide the period; by default the largest ≤ `most`. ``inf``
+            is one step per period.
         most : float
             Largest default plant step (s).
 
@@ -67,7 +68,8 @@ class TimeGrid:
             parts = period / most
             substeps = max(1, math.ceil(parts - 1e-9)) if parts <= MAX_STEPS else 0
         else:
-            timestep = number("timestep", timestep, above=0.0)
+            timestep = number("timestep", timestep, above=0.0, finite=False)
+            timestep = period if timestep == math.inf else timestep
             parts = period / timestep
             substeps = round(parts) if parts <= MAX_STEPS else 0
             if not math.isclose(parts, substeps, rel_tol=1e-9):

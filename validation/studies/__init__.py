@@ -2,10 +2,10 @@
 
 - `engine`: `Case` → run → `Store`.
 - `experiments`: the paper's experiments, control periods and published results.
-- `benchmark`, `benchmark_table`: the paper's grid, and its table in Markdown, LaTeX and text.
-- `sweep`: a grid, random samples or one change at a time; `sweep_file` and `sweep_values` read it
-  from a TOML file, `sweep_report` writes its tables. ``sweeps/`` has the shipped files.
+- `sweep`: a grid, random samples or one change at a time; `sweep_file` and `axes` read it from a
+  TOML file, `sweep_report` writes its tables. ``sweeps/`` has the shipped files.
+- `benchmark`, `benchmark_table`: the paper's grid as a sweep, and its table in Markdown, LaTeX and
+  text.
 - `side_by_side`: `benchmark` from Python, with a user's own controller classes.
-- `obstacle`: the tip moves past a ball, with and without barriers.
 - `study_targets`: the paper's targets for its robots, sampled equilibria for any other.
 """

@@ -7,9 +7,7 @@ with the step times, see `engine.store`.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import redirect_stdout
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
@@ -18,23 +16,20 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError
-from softdyn.controllers.registry import make_controller, one_line_errors
 from softdyn.validation.files import read_json
 from softdyn.validation.loop.labels import cell_title
 from softdyn.validation.loop.metrics import mean_std
-from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.studies import experiments
-from softdyn.validation.studies.engine import worker
-from softdyn.validation.studies.engine.case import Case, number_text
+from softdyn.validation.studies.engine.case import NAMES, Case, number_text
 from softdyn.validation.studies.engine.distribution import (
     Distribution,
     mean_and_std,
     read_distributions,
     value,
 )
-from softdyn.validation.studies.engine.sources import load_model
 from softdyn.validation.studies.engine.store import Store
-from softdyn.validation.studies.engine.worker import CaseJob
+from softdyn.validation.studies.sweep import Sweep
+from softdyn.validation.studies.sweep_file import sweep_of
 
 # committed figures of the paper's grid, made by `benchmark.py --ensemble`
 MEASURED = Path(__file__).parent / "measured"
@@ -65,43 +60,32 @@ def grid(
         for controller in controllers
         for kind, value in runs
     )
-    return list(dict.fromkeys(every))
+    return list({case.name: case for case in every}.values())
 
 
-def store(folder: Path) -> Store:
-    """The store of a benchmark's results."""
-    return Store(folder, times="times")
-
-
-def jobs_of(cases: Iterable[Case], cells: Iterable[Case] | None = None) -> list[CaseJob]:
-    """The jobs of some cases; each controller is built once as a check.
-
-    Parameters
-    ----------
-    cases : iterable of Case
-    cells : iterable of Case, optional
-        The cells of the grid to which the cases belong; the cases themselves by default.
+def sweep(cases: Sequence[Case]) -> Sweep:
+    """The cases of a `grid` as a sweep; its robots are loaded, its controllers built as a check.
 
     Raises
     ------
     InputError
         An unknown robot or controller, or one that cannot be built.
     """
-    cases = list(cases)
-    cells = cases if cells is None else list(cells)
-    heads = [{n: getattr(c, n) for n in ("robot", "controller", "kind", "value")} for c in cells]
-    with redirect_stdout(sys.stderr):  # a user's controller may print
-        pairs = dict.fromkeys((case.robot, case.controller) for case in cells)
-        gains = {pair: _gains(*pair) for pair in pairs}
-        also = [gains[cell.robot, cell.controller] for cell in cells]
-        names = [cell.name for cell in cells]
-        return worker.jobs_of(cases, names=names, heads=heads, also=also, log=True)
+    targets: dict[str, dict[float, None]] = {}
+    for case in cases:
+        targets.setdefault(NAMES[case.kind], {})[case.value] = None
+    table = {
+        "robots": list(dict.fromkeys(case.robot for case in cases)),
+        "controllers": list(dict.fromkeys(case.controller for case in cases)),
+        "targets": {name: list(values) for name, values in targets.items()},
+        "logs": True,
+    }
+    return sweep_of(table, Path("benchmark"))
 
 
-def _gains(robot: str, controller: str) -> Any:
-    law = make_controller(controller, load_model(robot))
-    with one_line_errors(controller, "a controller"):
-        return to_plain_data(getattr(law, "gains", None))
+def store(folder: Path) -> Store:
+    """The store of a benchmark's results."""
+    return Store(folder, times="times")
 
 
 def label(case: Case) -> str:

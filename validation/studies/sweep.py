@@ -7,7 +7,7 @@ Every case is complete plain data, and the order of the cases depends only on th
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -17,51 +17,31 @@ from softdyn import InputError, SoftModel
 from softdyn.controllers import CONTROLLERS, Gains
 from softdyn.controllers.gains import from_table
 from softdyn.controllers.qps.horizon import default_horizon
+from softdyn.exceptions import errors_in
 from softdyn.validation.files import safe_filename
 from softdyn.validation.loop.labels import cell_title
-from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies import experiments
+from softdyn.validation.studies.axes import Axis
 from softdyn.validation.studies.engine import worker
-from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.studies.engine.case import NAMES, Case, legible
 from softdyn.validation.studies.engine.store import Store
 from softdyn.validation.studies.engine.worker import CaseJob
 from softdyn.validation.studies.study_targets import Target, study_targets
-from softdyn.validation.studies.sweep_values import GROUPS, Axis
-from softdyn.validation.twin.plant_errors import BY_JOINT, EACH, PlantErrors
-from softdyn.validation.twin.rig import Rig
+from softdyn.validation.twin.plant_errors import BY_JOINT, EACH
 
 FIGURES = {
     "final_error_cm": "final error (cm)",
     "mse_cm2": "mean squared error (cm²)",
     "second_cycle_mse_cm2": "mean squared error, second cycle (cm²)",
 }
-# in [plant], but fields of the case and not of its plant
-TIMES = ("period", "duration", "timestep")
 GAINS = tuple(field.name for field in fields(Gains))
 # name in a file → name in a case
-TARGETS = {"theta": "set_point", "omega": "tracking", "point": "point"}
-NAMES = {kind: name for name, kind in TARGETS.items()}
-PARAMETERS = (*(f"{group}.{name}" for group in GROUPS for name in GROUPS[group]), "ellipse_scale")
+TARGETS = {name: kind for kind, name in NAMES.items()}
+RUN = "run"  # the group of the keywords of `RunOptions`; those that are tables are groups too
+GROUPS = (RUN, "plant", "rig")
 NOMINAL = "none"  # the name of the case without a change
-IDEAL = Rig(file=False)
 SHARE = "horizon_per_eps"  # of [gains]
-IN_MS = ("gains.horizon", "plant.period", "rig.delay", "rig.lag", "rig.latency")
-
-
-def inputs(case: Case) -> dict[str, Any]:
-    """A case with the keys of a sweep file."""
-    return {
-        "robot": case.robot,
-        "controller": case.controller,
-        "kind": NAMES[case.kind],
-        "target": case.value,
-        "gains": case.parameters,
-        **{
-            name.removeprefix("plant."): parameter(case, name)
-            for name in (*PARAMETERS, *joint_parameters([case]))
-        },
-        "sample": case.sample,
-    }
+IN_MS = ("gains.horizon", "run.period", "rig.delay", "rig.lag", "rig.latency")
 
 
 def place(name: str) -> tuple[str, str, str]:
@@ -81,27 +61,25 @@ def joint_parameters(cases: Iterable[Case]) -> tuple[str, ...]:
     found = (
         f"plant.{key}.{joint}"
         for case in cases for key in BY_JOINT
-        if isinstance(factors := getattr(case.plant, key), Mapping) for joint in factors
+        if isinstance(factors := case.options.get("plant", {}).get(key), Mapping)
+        for joint in factors
     )  # fmt: skip
     return tuple(dict.fromkeys(found))
 
 
 def parameter(case: Case, name: str) -> Any:
-    """The value of ``gains.Kp``, ``plant.period``, ``theta``, … in a case, or None."""
+    """The value of ``gains.Kp``, ``run.period``, ``theta``, … in a case; None for its default."""
     group, key, joint = place(name)
     gains = case.parameters or {}
     if group == "gains":
         return gains["horizon"] / gains["eps"] if key == SHARE else gains.get(key)
-    if group == "plant":
-        value = getattr(case if key in TIMES else case.plant, key)
-        by_joint = isinstance(value, Mapping)
-        return value.get(joint or EACH, value.get(EACH, 1.0)) if by_joint else value
-    if name == "rig.observer":
-        return case.observer
-    if group == "rig":
-        value = getattr(case.rig or IDEAL, key)
-        return getattr(value, "value", value)
-    if name in NAMES.values():
+    if group in GROUPS:
+        table: Mapping[str, Any] = case.options if group == RUN else case.options.get(group, {})
+        value = table.get(key)
+        if isinstance(value, Mapping):  # by joint
+            return value.get(joint or EACH, value.get(EACH, 1.0))
+        return value
+    if name in TARGETS:
         return case.value if NAMES[case.kind] == name else None
     return getattr(case, name)
 
@@ -182,12 +160,20 @@ class Sweep:
 
     def jobs(self) -> list[CaseJob]:
         """Every case with its dependencies."""
-        heads = [{"inputs": inputs(case)} for case in self.cases]
-        return worker.jobs_of(self.cases, heads=heads, folder=self.folder, log=self.logs)
+        return worker.jobs_of(self.cases, folder=self.folder, log=self.logs)
 
     def varying(self) -> list[Axis]:
         """Parameters with more than one value, apart from random ones of each joint."""
         return [axis for axis in self.axes if axis.varies and axis.robot is None]
+
+    @property
+    def parameters(self) -> list[str]:
+        """The names of the parameters of the axes and the changes, without gains."""
+        named = [axis.name for axis in self.axes]
+        named += ["run.period"] if self.shorter_periods else []
+        named += [name for change in self.changes.values() for name in change]
+        named += joint_parameters(self.cases)
+        return [name for name in dict.fromkeys(named) if not name.startswith("gains.")]
 
     @cached_property
     def cases(self) -> list[Case]:
@@ -215,7 +201,7 @@ class Sweep:
         """
         table: dict[str, dict[str, Case]] = {}
         for case, change in self._expanded:
-            row = "/".join(change if n == "change" else _text(case, n) for n in self.rows)
+            row = "/".join(change if n == "change" else self.text(case, n) for n in self.rows)
             column = cell_title(case.kind, case.value)
             if table.setdefault(row, {}).setdefault(column, case) is not case:
                 expected = "parameters that tell all cases apart"
@@ -251,7 +237,11 @@ class Sweep:
                         values = fixed | {a.name: a.values[sample] for a in drawn} | other
                         goal = target.values[sample] if isinstance(target, Axis) else target
                         index = None if self.samples is None else sample
-                        yield self._case(robot, controller, kind, goal, values, index), change
+                        words = [f"{n.rpartition('.')[2]}_{_short(v)}" for n, v in fixed.items()]
+                        words += [change] if change != NOMINAL else []
+                        words += [] if index is None else [f"sample_{index}"]
+                        case = self._case(robot, controller, kind, goal, values, index, words)
+                        yield case, change
 
     def axes_of(self, robot: str, controller: str) -> list[Axis]:
         """The axes of a robot's and controller's cases: its own before those of all controllers."""
@@ -279,17 +269,17 @@ class Sweep:
         self, robot: str, kind: str, values: dict[str, Any]
     ) -> Iterator[dict[str, Any]]:
         """A combination at the shorter periods, then at its own."""
-        usual = values.get("plant.period", experiments.setup_of(self.models[robot]).period)
+        usual = values.get("run.period", experiments.setup_of(self.models[robot]).period)
         if kind != "tracking":
             yield from (
-                values | {"plant.period": period} for period in self.shorter_periods
+                values | {"run.period": period} for period in self.shorter_periods
                 if period < usual
             )  # fmt: skip
         yield values
 
     def _case(
         self, robot: str, controller: str, kind: str, target: Any, values: dict[str, Any],
-        sample: int | None,
+        sample: int | None, words: list[str],
     ) -> Case:  # fmt: skip
         groups: dict[str, dict[str, Any]] = {group: {} for group in ("gains", *GROUPS, "")}
         for name, value in values.items():
@@ -298,53 +288,55 @@ class Sweep:
                 others = groups[group].get(key, 1.0)
                 value = (others if isinstance(others, dict) else {EACH: others}) | {joint: value}
             groups[group][key] = value
-        plant, rig, model = groups["plant"], dict(groups["rig"]), self.models[robot]
-        observer = rig.pop("observer", None)
-        times = {name: plant.pop(name) for name in TIMES if name in plant}
-        case = Case(
-            robot, controller, kind, target,
-            parameters=resolve_gains(
-                model, controller,
-                {**self.gains, **self.own_gains.get(controller, {}), **groups["gains"]},
-            ),
-            period=times.get("period"),
-            plant=PlantErrors(**plant),
-            rig=Rig(**{"file": observer is not None, **rig}) if groups["rig"] else None,
-            observer=observer,
-            annotations=self.annotations.get(robot),
-            sample=sample,
-            **groups[""],
-        )  # fmt: skip
-        try:
-            experiment = case.experiment(model)
-            duration = times.get("duration", experiment.duration)
-            step = times.get("timestep")
-            step = None if step is None else min(step, experiment.period)
-            grid = TimeGrid.plan(duration, experiment.period, step)
-        except InputError as error:
-            where = f"{self.path}: {robot}, {error.name}"
-            raise InputError(where, error.expected, error.got) from None
-        return replace(case, **{name: getattr(grid, name) for name in TIMES})
+        model, options = self.models[robot], dict(groups[RUN])
+        if groups["plant"]:
+            options["plant"] = groups["plant"]
+        if groups["rig"] or "observer" in options:
+            options["rig"] = {"file": "observer" in options, **groups["rig"]}
+        gains = {**self.gains, **self.own_gains.get(controller, {}), **groups["gains"]}
+        with errors_in(f"{self.path}: {robot}, {controller}"):
+            case = Case(
+                robot, controller, kind, target, resolve_gains(model, controller, gains), options,
+                annotations=self.annotations.get(robot), sample=sample, words="_".join(words),
+                **groups[""],
+            )  # fmt: skip
+            case.grid(model)
+        return case
+
+    def text(self, case: Case, name: str) -> str:
+        """A parameter in a row's name."""
+        value = parameter(case, name)
+        if name in ("robot", "controller"):
+            every = self.robots if name == "robot" else self.controllers
+            alike = [one for one in every if legible(one) == legible(value)]
+            bundled = safe_filename(value) == value
+            return value if bundled else legible(value) if len(alike) == 1 else safe_filename(value)
+        if name == "run.period" and value is None:
+            value = case.grid(self.models[case.robot]).period
+        if not isinstance(value, float):
+            return safe_filename(str(value))
+        return f"{1e3 * value:g} ms" if name in IN_MS else f"{value:g}"
 
 
-def _text(case: Case, name: str) -> str:
-    """A parameter in a row's name."""
-    value = parameter(case, name)
-    if not isinstance(value, float):
-        return safe_filename(str(value))
-    return f"{1e3 * value:g} ms" if name in IN_MS else f"{value:g}"
+def _short(value: Any) -> str:
+    """A value in a file's name."""
+    if isinstance(value, tuple):
+        return "_".join(map(_short, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def resolve_gains(model: SoftModel, controller: str, given: Mapping[str, Any]) -> Any:
     """All gains of a controller of the paper: those of `given`, else the published ones.
 
     Its options, such as a horizon, are kept; a horizon may be given as a share of ε. Any other
-    controller gets `given`, or None if that is empty.
+    controller gets `given`. Without any, None stands for the controller's own.
     """
-    if controller not in CONTROLLERS:
+    if controller not in CONTROLLERS or not given:
         return dict(given) or None
     options = CONTROLLERS[controller].options
-    gains = from_table(model, controller, {n: v for n, v in given.items() if n in GAINS})
+    of_others = {SHARE, *(name for one in CONTROLLERS.values() for name in one.options)}
+    own = {name: value for name, value in given.items() if name not in of_others}
+    gains = from_table(model, controller, own, options)
     found = {name: float(value) for name, value in asdict(gains).items()}
     found |= {name: value for name, value in given.items() if name in options}
     return found | ({"horizon": given[SHARE] * default_horizon(gains)} if SHARE in given else {})

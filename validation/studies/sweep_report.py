@@ -19,11 +19,8 @@ from softdyn.validation.studies.engine.worker import CaseJob
 from softdyn.validation.studies.study_targets import nearest_stable
 from softdyn.validation.studies.sweep import (
     FIGURES,
-    PARAMETERS,
     SHARE,
     Sweep,
-    inputs,
-    joint_parameters,
     parameter,
 )
 from softdyn.validation.tables import Table, document, inline
@@ -32,20 +29,22 @@ BEST = 10
 REST = "stable equilibrium"  # in the place of a controller
 SHOWN_REASONS = 20
 RESULTS = (
-    "outcome", *FIGURES, "settling_time_s", "overshoot", "input_effort", "input_change_percent",
+    "outcome", *FIGURES, "period_s", "timestep_s", "settling_time_s", "overshoot",
+    "input_effort", "input_change_percent",
     "steps", "simulated_s",
     "not_solved", "fallbacks", "max_bound_violation", "reason",
 )  # fmt: skip
 UNITS = {
     "gains.Kp": "1/s²", "gains.eps": "s", "gains.null_damping": "1/s",
-    "plant.period": "s", "plant.duration": "s", "plant.timestep": "s",
+    "run.period": "s", "run.duration": "s", "run.timestep": "s",
     "plant.dry_friction": "N m or N", "plant.payload": "kg",
     "rig.delay": "s", "rig.lag": "s", "rig.latency": "s", "rig.noise": "m", "rig.bias": "m",
+    "gains.horizon": "s", "gains.lag": "s", "gains.delay": "s",
     "rig.stiffness": "N/m", "rig.damping": "N s/m",
     "theta": "π rad", "omega": "π rad/s",
 }  # fmt: skip
 SYMBOLS = {"theta": "θ", "omega": "ω"}
-TITLES = {f"gains.{SHARE}": "τ / ε", "gains.horizon": "τ", "plant.period": "period"}
+TITLES = {f"gains.{SHARE}": "τ / ε", "gains.horizon": "τ", "run.period": "period"}
 
 Row = tuple[Case, dict[str, Any]]
 
@@ -105,9 +104,9 @@ def settings(found: Iterable[Row], figure: str) -> list[Setting]:
 
 
 def _setting(case: Case) -> str:
-    """All fields of a case except its target and those that depend on a trajectory's rate."""
-    found = inputs(case)
-    for name in ("kind", "target", "duration"):
+    """All of a case except its target."""
+    found = case.inputs
+    for name in ("kind", "target"):
         del found[name]
     return repr(found)
 
@@ -118,7 +117,7 @@ def plan(sweep: Sweep, jobs: Sequence[CaseJob], missing: Sequence[CaseJob]) -> d
         "sweep": str(sweep.path),
         "cases": len(jobs),
         "missing": len(missing),
-        "simulated_s": sum(job.case.duration or 0.0 for job in missing),
+        "simulated_s": sum(j.case.grid(sweep.models[j.case.robot]).duration for j in missing),
         "names": [job.name for job in jobs],
     }
 
@@ -131,7 +130,7 @@ def plan_text(plan: Mapping[str, Any]) -> str:
 
 def write_sweep(sweep: Sweep, found: list[Row], folder: Path, table: str = "") -> list[str]:
     """Write every case as CSV, and `table` or the best cases as Markdown; return the files."""
-    texts = {"sweep.csv": to_csv(found, sweep.seed), "sweep.md": to_markdown(sweep, found, table)}
+    texts = {"sweep.csv": to_csv(sweep, found), "sweep.md": to_markdown(sweep, found, table)}
     for name, text in texts.items():
         write_text(folder / name, text)
     return [str(folder / name) for name in texts]
@@ -178,24 +177,20 @@ def _words(outcome: str) -> str:
 # -- CSV -------------------------------------------------------------------------------------------
 
 
-def to_csv(found: list[Row], seed: int = 0) -> str:
-    """One line per case, in the sweep's order: inputs, outcome, figures, reason, file.
-
-    `seed` is that of the random samples.
-    """
+def to_csv(sweep: Sweep, found: list[Row]) -> str:
+    """One line per case, in the sweep's order: inputs, outcome, figures, reason, file."""
     gains = dict.fromkeys(f"gains.{name}" for case, _ in found for name in case.parameters or {})
-    titles = ["robot", "controller", "theta", "omega", *"xyz", *gains]
-    names = (*PARAMETERS, *joint_parameters(case for case, _ in found))
-    titles += [*(n.removeprefix("plant.") for n in names), "sample", "seed", *RESULTS]
+    names = dict.fromkeys(["theta", "omega", *gains, *sweep.parameters, "sample"])
+    titles = ["robot", "controller", *(f"{n} (m)" for n in "xyz")]
+    titles += [f"{n} ({UNITS[n]})" if n in UNITS else n for n in names]
     lines = []
     for case, result in found:
         point = parameter(case, "point") or (None, None, None)
-        named = (parameter(case, name) for name in ("robot", "controller", "theta", "omega"))
-        varied = [parameter(case, name) for name in (*gains, *names, "sample")]
-        varied.append(None if case.sample is None else seed)
+        varied = [parameter(case, name) for name in names]
+        seed = None if case.sample is None else sweep.seed
         figures = (result.get(name) for name in RESULTS)
-        lines.append([*named, *point, *varied, *figures, _file(case)])
-    return Table([*titles, "file"], lines).csv()
+        lines.append([case.robot, case.controller, *point, *varied, seed, *figures, _file(case)])
+    return Table([*titles, "seed", *RESULTS, "file"], lines).csv()
 
 
 def _file(case: Case) -> str:
@@ -224,8 +219,13 @@ def cell_tables(sweep: Sweep, cells: Mapping[str, Distribution]) -> str:
         kinds = [("mean (cm)", {"set_point", "point"}), ("mean (cm²)", {"tracking"})]
     groups = [({k: c for k, c in cells.items() if k not in asked or asked[k].kind in some}, mean)
               for mean, some in kinds]  # fmt: skip
-    parts = [pivot(group, titles, mean) for group, mean in groups if group]
+    parts = [pivot(_with_units(group), titles, mean) for group, mean in groups if group]
     return "\n\n".join(filter(None, [*parts, notes(cells)]))
+
+
+def _with_units(cells: Mapping[str, Distribution]) -> dict[str, Distribution]:
+    """The cells by labels whose last part, the title of a column, has the unit of the figures."""
+    return {f"{label} ({'cm²' if '/ω' in label else 'cm'})": cell for label, cell in cells.items()}
 
 
 def missed(sweep: Sweep, cells: Mapping[str, Distribution]) -> dict[str, Distribution]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -43,7 +44,7 @@ class PlantErrors:
     Raises
     ------
     InputError
-        A value of the wrong kind, or a negative one.
+        A value of the wrong kind, a negative one, or a mass of 0.
     """
 
     contacts: bool = False
@@ -63,7 +64,8 @@ class PlantErrors:
         for name in BY_JOINT:
             value = getattr(self, name)
             for joint, factor in value.items() if isinstance(value, Mapping) else [("", value)]:
-                number(f"{name}.{joint}".rstrip("."), factor, lower=0.0)
+                above = 0.0 if name == "mass" else -math.inf
+                number(f"{name}.{joint}".rstrip("."), factor, lower=0.0, above=above)
 
     @property
     def rubs(self) -> bool:

@@ -19,10 +19,11 @@ import numpy as np
 
 from softdyn import InputError, SoftModel
 from softdyn.controllers.registry import make_controller
+from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.labels import experiment_title
-from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.sources import load_model
+from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.state_map import StateMap
 from tests.proof.paper.reproduction import changed
 
@@ -175,10 +176,8 @@ def state_differences(record: RecordedRun, case: Case, model: SoftModel) -> tupl
 
     MuJoCo's solver starts from its last solution, as it does in a run.
     """
-    plan = case.experiment(model)
-    step = None if case.timestep is None else min(case.timestep, plan.period)
-    grid = TimeGrid.plan(plan.duration, plan.period, step)
-    twin = case.plant.twin(model.robot, timestep=grid.timestep)
+    grid, errors = case.grid(model), RunOptions.of(case.options).plant or PlantErrors()
+    twin = errors.twin(model.robot, timestep=grid.timestep)
     states, data = StateMap(model, twin), twin.data
     found, touching = np.zeros(len(record.q) - 1), 0
     for k in range(len(found)):

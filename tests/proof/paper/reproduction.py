@@ -18,13 +18,15 @@ import numpy as np
 
 from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel
 from softdyn.controllers.gains import PUBLISHED
+from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.labels import cell_title
 from softdyn.validation.studies import benchmark, experiments
 from softdyn.validation.studies.benchmark_table import benchmark_cells
-from softdyn.validation.studies.engine import executors
+from softdyn.validation.studies.engine import executors, worker
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.tables import Table, document
+from softdyn.validation.twin.plant_errors import PlantErrors
 from tests.proof.paper import reference_laws
 from tests.proof.paper.altered_states import (
     AlteredStates,
@@ -111,8 +113,8 @@ class Change:
         Where the reference implementation has it; empty for a change of our own.
     robots, controllers : tuple of str
         The robots and controllers with which it runs by default.
-    case, plant : mapping
-        The fields that differ, of the `Case` and its `PlantErrors`.
+    case, options, plant : mapping
+        The fields that differ, of the `Case`, its options and its `PlantErrors`.
     views, late
         Fields of `AlteredStates`.
     law : str
@@ -130,6 +132,7 @@ class Change:
     robots: tuple[str, ...] = ROBOTS
     controllers: tuple[str, ...] = PAPER
     case: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
     plant: Mapping[str, Any] = field(default_factory=dict)
     views: tuple[Callable[[], View], ...] = ()
     late: bool = False
@@ -152,9 +155,9 @@ CHANGES = {
         "`mj_step`, then `mj_kinematics` only", views=(Stale,),
     ),
     "plant-step": Change(
-        "one `implicitfast` step per control period", "model files", case={"timestep": math.inf}
+        "one `implicitfast` step per control period", "model files", options={"timestep": math.inf}
     ),
-    "plant-fine": Change("plant steps of 0.1 ms", robots=("finger",), case={"timestep": 1e-4}),
+    "plant-fine": Change("plant steps of 0.1 ms", robots=("finger",), options={"timestep": 1e-4}),
     "soft-stops": Change(
         "MuJoCo's default joint limits", "model files", ("helix", "spirob"),
         plant={"soft_stops": True},
@@ -191,9 +194,13 @@ CHANGES = {
         "TT is the plain mean of every fifth sample, t = 0 included: the initial error weighs "
         "five steps", "`plot.py`", case={"reference_sampling": True},
     ),
-    "period-1ms": Change("control period 1 ms", robots=("finger",), case={"period": 0.001}),
-    "period-2ms": Change("control period 2 ms", robots=("finger", "helix"), case={"period": 0.002}),
-    "period-5ms": Change("control period 5 ms", robots=("helix", "spirob"), case={"period": 0.005}),
+    "period-1ms": Change("control period 1 ms", robots=("finger",), options={"period": 0.001}),
+    "period-2ms": Change(
+        "control period 2 ms", robots=("finger", "helix"), options={"period": 0.002}
+    ),
+    "period-5ms": Change(
+        "control period 5 ms", robots=("helix", "spirob"), options={"period": 0.005}
+    ),
     "nudge": Change("initial velocities of 1e-9", robots=("finger",), case={"nudge": 1e-9}),
     "exact": Change("the textbook QP on another exact solver", controllers=QP, law="exact"),
     "angular": Change(
@@ -308,7 +315,9 @@ def changed(cell: Case, name: str, files: Path | None = None) -> Case:
     case, gains = cell, dict[str, float]()
     changes = parse(name, cell.robot)
     for change in changes:
-        case = replace(case, **change.case, plant=replace(case.plant, **change.plant))
+        plant = {**case.options.get("plant", {}), **change.plant}
+        options = {**case.options, **change.options} | ({"plant": plant} if plant else {})
+        case = replace(case, **change.case, options=options)
         gains |= change.gains
     views = tuple(view for change in changes for view in change.views)
     late = any(change.late for change in changes)
@@ -317,7 +326,9 @@ def changed(cell: Case, name: str, files: Path | None = None) -> Case:
     if any(change.hulls for change in changes) and case.robot in HULLS:
         if files is None:
             raise InputError("files", "the reference's folder, which hulls needs", None)
-        case = replace(case, plant=BorrowedPlant.of(case.plant, files / HULLS[case.robot]))
+        errors = RunOptions.of(case.options).plant or PlantErrors()
+        borrowed = BorrowedPlant.of(errors, files / HULLS[case.robot])
+        case = replace(case, options={**case.options, "plant": borrowed})
     # a robot's list also holds changes of other controllers
     laws = tuple(c.law for c in changes if c.law and cell.controller in c.controllers)
     if not laws and not gains:
@@ -335,7 +346,9 @@ def run_experiments(
 ) -> None:
     """Run the cases that are missing or out of date in `folder`; a bar on a terminal."""
     asked = {  # check all of them before the first one runs
-        name: benchmark.jobs_of([changed(cell, name, files) for cell in cells], cells)
+        name: worker.jobs_of(
+            [changed(cell, name, files) for cell in cells], names=[c.name for c in cells], log=True
+        )
         for name, cells in _by_name(wanted).items()
     }
     for name, cases in asked.items():

@@ -50,7 +50,7 @@ controllers = ["soft-id-clf-qp"]
 theta = [0.5, 1]
 [gains]
 Kp = { from = 100, to = 600, count = 10 }
-[plant]
+[run]
 duration = 0.5
 """
 

@@ -17,12 +17,11 @@ from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.distribution import Agreement, Distribution
 from softdyn.validation.studies.engine.store import Store
 from softdyn.validation.studies.engine.worker import CaseResult
-from softdyn.validation.twin.rig import Rig
 
 STEADY = Case("finger", "ic", "set_point", 0.5)
 CHAOTIC = Case("finger", "ic", "tracking", 0.5)
 GONE = Case("finger", "uic", "tracking", 0.5)
-NOISY = Case("finger", "ic", "set_point", 0.5, rig=Rig(noise=1e-3))
+NOISY = Case("finger", "ic", "set_point", 0.5, options={"rig": {"noise": 1e-3}})
 
 
 class Made:
@@ -38,8 +37,8 @@ class Made:
             number = 0 if case.draw is None else case.draw[1] + 1
             mse = {CHAOTIC.controller: 3.0 + number, GONE.controller: None if number % 4 else 5.0}
             figures = {"final_error_cm": 0.125, "mse_cm2": mse[case.controller]}
-            if case.rig:
-                figures |= {"input_change_percent": 0.1 * (1 + case.rig.seed % 5)}
+            if rig := case.options.get("rig"):
+                figures |= {"input_change_percent": 0.1 * (1 + rig.get("seed", 0) % 5)}
             if case is CHAOTIC or case.draw == (3, 0):
                 figures |= {"second_cycle_mse_cm2": 0.5 + number}
             yield index, CaseResult({"outcome": "done", "failed": number == 2, **figures})
@@ -68,7 +67,7 @@ def test_only_what_moves_is_run_often(tmp_path: Path) -> None:
 def test_noise_has_other_seeds_and_always_all_of_them(tmp_path: Path) -> None:
     made = Made()
     cell = ensemble.run({"noisy": NOISY}, Store(tmp_path), made, 4, 2)["noisy"]
-    assert [case.rig.seed for case in made.ran] == [0, 2001, 2002, 2003, 2004]
+    assert [case.options["rig"].get("seed", 0) for case in made.ran] == [0, 2001, 2002, 2003, 2004]
     assert {(case.nudge, case.draw) for case in made.ran} == {(0.0, None)}
     assert cell.seeds == {"2": (0.125,) * 4}  # a figure that stays has all its runs, too
     assert cell.input_change == Distribution(0.1, {"2": pytest.approx((0.2, 0.3, 0.4, 0.5))})

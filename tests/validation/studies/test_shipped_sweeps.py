@@ -21,15 +21,13 @@ from softdyn.validation.studies.engine import distribution
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.distribution import Distribution
 from softdyn.validation.studies.engine.executors import run_all
-from softdyn.validation.studies.sweep import Sweep
+from softdyn.validation.studies.sweep import Sweep, parameter
 from softdyn.validation.studies.sweep_file import read_sweep, shipped
-from softdyn.validation.twin.plant_errors import PlantErrors
-from softdyn.validation.twin.rig import Rig
 from tests.support import ROOT
 from tests.support.command import Done, command
 from tests.support.sweeps import OWN, PENDULUM
 
-ONE = "robots = 'finger'\ncontrollers = 'ic'\ntargets.theta = 0.5\nplant.duration = 0.2\n"
+ONE = "robots = 'finger'\ncontrollers = 'ic'\ntargets.theta = 0.5\nrun.duration = 0.2\n"
 
 
 @pytest.fixture
@@ -57,25 +55,25 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 # one robot's changes, as they were run for docs/beyond.md
 PLANTS = {
-    "mass x 0.8": PlantErrors(mass=0.8), "mass x 0.9": PlantErrors(mass=0.9),
-    "mass x 1.1": PlantErrors(mass=1.1), "mass x 1.2": PlantErrors(mass=1.2),
-    "stiffness x 0.8": PlantErrors(stiffness=0.8), "stiffness x 0.9": PlantErrors(stiffness=0.9),
-    "stiffness x 1.1": PlantErrors(stiffness=1.1), "stiffness x 1.2": PlantErrors(stiffness=1.2),
-    "damping x 0.8": PlantErrors(damping=0.8), "damping x 0.9": PlantErrors(damping=0.9),
-    "damping x 1.1": PlantErrors(damping=1.1), "damping x 1.2": PlantErrors(damping=1.2),
-    "dry friction": PlantErrors(dry_friction=0.001),
-    "contacts": PlantErrors(contacts=True),
-    "soft stops": PlantErrors(soft_stops=True),
-    "contacts, soft stops": PlantErrors(contacts=True, soft_stops=True),
+    "mass x 0.8": {"mass": 0.8}, "mass x 0.9": {"mass": 0.9},
+    "mass x 1.1": {"mass": 1.1}, "mass x 1.2": {"mass": 1.2},
+    "stiffness x 0.8": {"stiffness": 0.8}, "stiffness x 0.9": {"stiffness": 0.9},
+    "stiffness x 1.1": {"stiffness": 1.1}, "stiffness x 1.2": {"stiffness": 1.2},
+    "damping x 0.8": {"damping": 0.8}, "damping x 0.9": {"damping": 0.9},
+    "damping x 1.1": {"damping": 1.1}, "damping x 1.2": {"damping": 1.2},
+    "dry friction": {"dry_friction": 0.001},
+    "contacts": {"contacts": True},
+    "soft stops": {"soft_stops": True},
+    "contacts, soft stops": {"contacts": True, "soft_stops": True},
 }  # fmt: skip
 RIGS = {
-    "5 ms delay": Rig(file=False, delay=0.005),
-    "1 mm noise": Rig(file=False, noise=0.001),
-    "actuators lag 10 ms": Rig(file=False, lag=0.01),
-    "actuators lag 50 ms": Rig(file=False, lag=0.05),
-    "lag 50 ms, assumed 25 ms": Rig(file=False, lag=0.05),
-    "lag 50 ms, assumed 100 ms": Rig(file=False, lag=0.05),
-    "cable friction 0.1": Rig(file=False, friction=0.1),
+    "5 ms delay": {"file": False, "delay": 0.005},
+    "1 mm noise": {"file": False, "noise": 0.001},
+    "actuators lag 10 ms": {"file": False, "lag": 0.01},
+    "actuators lag 50 ms": {"file": False, "lag": 0.05},
+    "lag 50 ms, assumed 25 ms": {"file": False, "lag": 0.05},
+    "lag 50 ms, assumed 100 ms": {"file": False, "lag": 0.05},
+    "cable friction 0.1": {"file": False, "friction": 0.1},
 }
 # what `best` is told of its actuators
 ASSUMED = {
@@ -88,19 +86,25 @@ ORDER = [
 ]  # fmt: skip
 
 
+def options(change: str) -> dict[str, Any]:
+    """The arguments of a run that a change stands for."""
+    found = {"plant": PLANTS.get(change), "rig": RIGS.get(change)}
+    if change == "one plant step a period":
+        return {"timestep": math.inf}
+    return {name: table for name, table in found.items() if table is not None}
+
+
 def test_robustness_is_one_change_at_a_time() -> None:
     sweep = read_sweep("robustness", {"robots": ["finger"]})
     expected = {
         f"finger/best/{change}/{title}": Case(
-            "finger", "best", kind, value, period=0.005, duration=duration,
-            timestep=0.005 if change == "one plant step a period" else 0.0005,
-            plant=PLANTS.get(change, PlantErrors()), rig=RIGS.get(change),
-            parameters=ASSUMED.get(change), ellipse_scale=0.7 if change == "ellipse x 0.7" else 1.0,
+            "finger", "best", kind, value, ASSUMED.get(change), options(change),
+            ellipse_scale=0.7 if change == "ellipse x 0.7" else 1.0,
         )
         for change in ORDER
-        for title, kind, value, duration in (
-            ("θ = 0.25π", "set_point", 0.25, 10.0), ("θ = 1.25π", "set_point", 1.25, 10.0),
-            ("ω = 0.25π", "tracking", 0.25, 16.0),
+        for title, kind, value in (
+            ("θ = 0.25π", "set_point", 0.25), ("θ = 1.25π", "set_point", 1.25),
+            ("ω = 0.25π", "tracking", 0.25),
         )
     }  # fmt: skip
     assert sweep.cells == expected
@@ -108,7 +112,7 @@ def test_robustness_is_one_change_at_a_time() -> None:
     every = read_sweep("robustness").cells
     assert len(every) == 3 * len(expected)
     dry = {
-        case.robot: case.plant.dry_friction
+        case.robot: case.options["plant"]["dry_friction"]
         for label, case in every.items()
         if "/dry friction/" in label
     }
@@ -142,8 +146,10 @@ def test_periods_are_those_up_to_the_published_one() -> None:
             expected += [f"{row}/θ = {theta}π" for theta in ("0", "0.5", "1", "1.5")]
         expected += [f"{row}/ω = {omega}π" for omega in ("0.1", "0.2", "0.3", "0.4", "0.5")]
     assert [*cells] == expected
+    finger = softdyn.load("finger")
     for label, case in cells.items():
-        assert f"/{1e3 * case.period:g} ms/" in label
+        if case.robot == "finger":
+            assert f"/{1e3 * case.grid(finger).period:g} ms/" in label
     assert [*read_sweep("periods", {"robots": ["finger"], "period": 0.0015}).cells][4].startswith(
         "finger/best/1.5 ms/"
     )
@@ -154,7 +160,7 @@ def test_other_set_points_than_the_paper_s() -> None:
     thetas = {case.value for case in cells.values()}
     assert len(cells) == 3 * len(thetas) == 42
     assert not thetas & {0.0, 0.5, 1.0, 1.5}
-    assert {(c.robot, c.controller, c.period) for c in cells.values()} == {
+    assert {(c.robot, c.controller, c.options["period"]) for c in cells.values()} == {
         ("spirob", "best", period) for period in (0.001, 0.002, 0.005)
     }
 
@@ -169,13 +175,12 @@ def test_a_missed_set_point_gets_its_nearest_stable_equilibrium(
     Path("pendulum.urdf").write_text(heavy.replace('lower="-5"', 'lower="0"'))
     Path("sweep.toml").write_text(
         "robots = 'pendulum.urdf'\ncontrollers = 'own.py:Spring'\nrows = ['robot', 'controller']\n"
-        "statics_beyond_cm = 1\nplant.duration = 0.02\n"
+        "statics_beyond_cm = 1\nrun.duration = 0.02\n"
         "targets.point = [[-0.12, 0, -0.16], [0.12, 0, -0.16], [0, 0, -0.199]]\n"
     )
     done = command("sweep", "sweep.toml", "--jobs", 1, "--out", "out", "--keep", "kept.json")
     assert done.code == 0, done.err
-    robot = done.out.split("| pendulum_")[1].split(" |")[0]
-    row = f"pendulum_{robot}/stable equilibrium"
+    row = "pendulum/stable equilibrium"
     kept = distribution.read_distributions(Path("kept.json"))
     found = {label.rpartition("/")[2]: cell.nominal for label, cell in kept.items() if row in label}
     # the first lies on the circle, for the other side the arm hangs, and the third is reached
@@ -193,12 +198,12 @@ def test_an_own_robot_goes_to_its_equilibria(folder: Path) -> None:
     )
     assert len(sweep.cells) == len(goals) * (len(ORDER) - 1)  # they are on no ellipse
     cells = [case for label, case in sweep.cells.items() if "/none/" in label]
-    assert [(c.kind, c.value, c.period) for c in cells] == [("point", y, 0.002) for y in goals]
-    assert next(iter(sweep.cells)).startswith("pendulum_urdf-")
+    assert [(c.kind, c.value, c.options) for c in cells] == [("point", y, {}) for y in goals]
+    assert next(iter(sweep.cells)).startswith("pendulum/Spring/")
 
 
 def test_a_trial_is_what_simulate_says() -> None:
-    case = Case("finger", "best", "set_point", 0.25, duration=0.5, ellipse_scale=0.7)
+    case = Case("finger", "best", "set_point", 0.25, options={"duration": 0.5}, ellipse_scale=0.7)
     (result,) = run_all([case], 1)
     assert not result["failed"]
     assert 0 <= result["final_error_cm"] < 3
@@ -221,11 +226,12 @@ def test_options_stand_in_the_place_of_a_file_s(folder: Path) -> None:
     ):
         read_sweep("elsewhere/sweep.toml", said)
     cases = read_sweep("elsewhere/sweep.toml", said | {"controllers": ["own.py:Spring"]}).cases
-    assert [(c.robot, c.controller, c.period, c.parameters) for c in cases] == [
+    assert [(c.robot, c.controller, c.options["period"], c.parameters) for c in cases] == [
         ("../pendulum.urdf", "../own.py:Spring", 0.004, said["gains"])
     ]
-    assert cases[0].plant.contacts
-    assert read_sweep("elsewhere/sweep.toml", {"robots": ["helix"]}).cases[0].period == 0.0075
+    assert cases[0].options["plant"] == {"contacts": True}
+    helix = read_sweep("elsewhere/sweep.toml", {"robots": ["helix"]})
+    assert helix.cases[0].grid(helix.models["helix"]).period == 0.0075
     with pytest.raises(InputError, match="expected one robot for annotations or gains, got 3"):
         read_sweep("robustness", {"gains": {"Kp": 1.0}})
     with pytest.raises(InputError, match=r"robots: expected a URDF file or a name"):
@@ -254,7 +260,7 @@ def test_the_table_of_all_cases() -> None:
     sweep = read_sweep("periods", robots)
     made = {label: Distribution(case.value) for label, case in sweep.cells.items()}
     first, second = sweep_report.cell_tables(sweep, made).split("\n\n")
-    assert "| robot | controller | period | θ = 0π |" in first
+    assert "| robot | controller | period | θ = 0π (cm) |" in first
     assert "| spirob | best | 1 ms | 0.00 | 0.50 | 1.00 | 1.50 | 0.75 ± 0.56 |" in first
     assert "| finger | best | 5 ms | 0.10 | 0.20 | 0.30 | 0.40 | 0.50 | 0.30 ± 0.14 |" in second
     sweep = read_sweep("robustness", robots)
@@ -273,7 +279,7 @@ controllers = "own.py:Spring"
 rows = ["robot", "change"]
 must_not_fail = ["{0}"]
 targets.point = [0.1, 0, -0.17]
-[plant]
+[run]
 duration = 0.3
 [changes]
 "stiffness {{}}" = {{ gains.stiffness = [1, -2] }}
@@ -288,8 +294,7 @@ def test_the_command_prints_the_table_and_judges(folder: Path) -> None:
 
     done = sweep("none")
     assert done.code == 0, done.err
-    robot = next(line for line in done.out.splitlines() if "| late |" in line).split(" | ")[0]
-    assert robot.startswith("| pendulum_urdf-")
+    assert "| pendulum | late |" in done.out
     text = Path("out/sweep.md").read_text()
     assert done.out.splitlines()[0] in text
     assert "stiffness -2/(0.1, 0, -0.17) m: failed" in text
@@ -297,8 +302,8 @@ def test_the_command_prints_the_table_and_judges(folder: Path) -> None:
     with Path("out/sweep.csv").open() as file:
         table = list(csv.DictReader(file))
     assert [row["gains.stiffness"] for row in table] == ["", "1.0", "-2.0", ""]
-    assert [(row["mass"], row["rig.delay"]) for row in table][-2:] == [
-        ("1.0", ""), ("1.1", "0.002"),
+    assert [(row["plant.mass"], row["rig.delay (s)"]) for row in table][-2:] == [
+        ("", ""), ("1.1", "0.002"),
     ]  # fmt: skip
     assert sweep("stiffness -2").code == 1
 
@@ -322,36 +327,36 @@ def test_the_command_prints_the_table_and_judges(folder: Path) -> None:
 
 
 MISUSES = [
-    ("targets.equilibria = 1", "targets.equilibria: expected true or false, got 1"),
+    ("targets.equilibria = 1", "[targets]: equilibria: expected true or false, got 1"),
     ("targets.equilibria = true\ntargets.point = [0, 0, 0]", "only values of theta and omega"),
     ("plant.mass = 0", "plant.mass: expected a finite number > 0, got 0"),
-    ("plant.timestep = -inf", "plant.timestep: expected a finite number > 0"),
-    ("plant.shorter_periods = 0", "plant.shorter_periods: expected a finite number > 0, got 0"),
-    ("rig.dely = 1", "rig.dely: expected one of file, command, stiffness, damping, lag,"),
-    ("rig.delay = -1", "rig.delay: expected a finite number >= 0 and <= 10, got -1"),
+    ("run.timestep = -inf", "run.timestep: expected a number > 0"),
+    ("shorter_periods = 0", "shorter_periods: expected a finite number > 0, got 0"),
+    ("rig.dely = 1", "rig.dely: expected one of plant, lag, delay, rate, command,"),
+    ("rig.delay = -1", "rig.delay: expected a finite number >= 0, got -1"),
     ("rig.rate = 0", "rig.rate: expected a finite number > 0, got 0"),
-    ("rig = 1", "rig: expected a table [rig], got 1"),
+    ("rig = 1", "[rig]: expected a table, got 1"),
     ("signals.delay = 0.1\nrig.lag = 0.1", "signals: expected one of robots,"),
     ("ellipse_scale = 0", "ellipse_scale: expected a finite number > 0, got 0"),
-    ("gains.horizon_per_eps = 1", "gains.horizon_per_eps: expected one of Kp"),
-    ("changes = 1", "changes: expected a table [changes], got 1"),
-    ("changes.a = 1", "changes.a: expected a table of parameters, got 1"),
-    ("changes.a = { mass = 1 }", "changes.a.mass: expected one of gains, plant, rig"),
-    ("changes.a = { plant.mas = 1 }", "changes.a.plant.mas: expected one of period"),
+    ("gains.horizon_per_eps = 1", "[gains]: horizon_per_eps: expected one of Kp"),
+    ("changes = 1", "[changes]: expected a table, got 1"),
+    ("changes.a = 1", "[changes]: [a]: expected a table, got 1"),
+    ("changes.a = { mass = 1 }", "[changes]: [a]: mass: expected one of gains, run, plant, rig"),
+    ("changes.a = { plant.mas = 1 }", "changes.a.plant.mas: expected one of contacts"),
     ("changes.a = { plant.mass = 2 }", "rows: expected parameters that distinguish"),
-    ("changes.a = { plant.mass = [1, 2] }", "changes.a: expected a unique name, with {}"),
+    ("changes.a = { plant.mass = [1, 2] }", "[changes]: a: expected a unique name, with {}"),
     ("changes.'{} {}' = { plant = { mass = [1, 2], damping = [1, 2] } }",
      "changes.{} {}.plant.damping: expected one value, or one list per change, got [1, 2]"),
     ("changes.a = { plant.mass = { default = [1, 2], finger = 3 } }", "one list per change"),
-    ("changes.none = { plant.mass = 2 }", "changes.none: expected a unique name"),
-    ("changes.'a/b' = { plant.mass = 2 }", "changes.a/b: expected a unique name"),
+    ("changes.none = { plant.mass = 2 }", "[changes]: none: expected a unique name"),
+    ("changes.'a/b' = { plant.mass = 2 }", "[changes]: a/b: expected a unique name"),
     ("rows = ['robot', 'mass']", "rows: expected any of robot, controller, change"),
     ("rows = ['robot']\nplant.mass = [1, 2]",
      "rows: expected parameters that tell all cases apart, got two of finger/θ = 0.5π"),
-    ("must_not_fail = ['much']", "must_not_fail: expected any of none, got much"),
+    ("must_not_fail = ['much']", "must_not_fail: expected any of none, got 'much'"),
     ("statics_beyond_cm = 1", "statics_beyond_cm: expected a file with rows, got none"),
     ("rows = ['robot']\nstatics_beyond_cm = 0", "statics_beyond_cm: expected a finite number > 0"),
-    ("means = 'no'", "means: expected true or false, got no"),
+    ("means = 'no'", "means: expected true or false, got 'no'"),
 ]  # fmt: skip
 
 
@@ -367,9 +372,11 @@ def test_one_plant_step_a_period_and_what_differs_between_robots(
 ) -> None:
     sweep = written(
         "robots = ['finger', 'helix']\ncontrollers = 'ic'\ntargets.theta = 0.5\n"
-        "rows = ['robot', 'change']\nplant.timestep = inf\nellipse_scale = 0.9\n"
+        "rows = ['robot', 'change']\nrun.timestep = inf\nellipse_scale = 0.9\n"
         "[changes]\na = { plant.stiffness = { default = 2, helix = 3 }, ellipse_scale = 0.5 }\n"
     )
-    found = [(c.timestep, c.plant.stiffness, c.ellipse_scale) for c in sweep.cases]
-    assert found == [(0.005, 1, 0.9), (0.005, 2, 0.5), (0.0075, 1, 0.9), (0.0075, 3, 0.5)]
-    assert all(math.isfinite(case.timestep or math.inf) for case in sweep.cases)
+    found = [
+        (c.grid(sweep.models[c.robot]).timestep, parameter(c, "plant.stiffness"), c.ellipse_scale)
+        for c in sweep.cases
+    ]
+    assert found == [(0.005, None, 0.9), (0.005, 2, 0.5), (0.0075, None, 0.9), (0.0075, 3, 0.5)]

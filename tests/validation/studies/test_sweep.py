@@ -80,7 +80,7 @@ def test_a_failing_case_is_recorded_and_stops_nothing(folder, call):
         assert row["final_error_cm"] == ("" if result["final_error_cm"] is None
                                          else repr(result["final_error_cm"]))  # fmt: skip
         assert (row["outcome"], row["reason"]) == (result["outcome"], result["reason"] or "")
-        assert (row["x"], row["theta"]) == ("0.1", "")
+        assert (row["x (m)"], row["theta (π rad)"]) == ("0.1", "")
         assert json.loads((Path("out") / row["file"]).read_text()) == result
     text = Path("out/sweep.md").read_text()
     assert "6 cases: 3 done, 1 failed, 1 not run, 1 raised" in text

@@ -15,10 +15,11 @@ from softdyn.controllers import Gains, Mpc
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation import paper, simulate
 from softdyn.validation.studies import study_targets, sweep_report
+from softdyn.validation.studies.axes import MAX_CASES, draw
 from softdyn.validation.studies.engine import cluster as dask
 from softdyn.validation.studies.engine import sources, worker
+from softdyn.validation.studies.sweep import parameter
 from softdyn.validation.studies.sweep_file import read_sweep
-from softdyn.validation.studies.sweep_values import MAX_CASES, draw
 from tests.support import ROOT
 from tests.support.command import command
 from tests.support.sweeps import FINGER, PENDULUM
@@ -28,7 +29,8 @@ def test_a_grid_is_every_combination_the_last_fastest(written):
     sweep = written(
         'robots = ["finger", "pendulum.urdf"]\ncontrollers = ["ic", "uic"]\n'
         "[targets]\nomega = 0.5\ntheta = [0, 1.5]\npoint = [[0.1, 0, 0], [0, 0, -0.1]]\n"
-        "[gains]\neps = [0.02, 0.1]\nKp = 70\n[plant]\ncontacts = [false, true]\nperiod = 0.01\n"
+        "[gains]\neps = [0.02, 0.1]\nKp = 70\n"
+        "[plant]\ncontacts = [false, true]\n[run]\nperiod = 0.01\n"
     )
     cases = sweep.cases
     expected = [
@@ -43,14 +45,22 @@ def test_a_grid_is_every_combination_the_last_fastest(written):
         for contacts in (False, True)
     ]  # fmt: skip
     found = [
-        (c.robot, c.controller, c.kind, c.value, c.parameters["eps"], c.plant.contacts)
+        (
+            c.robot,
+            c.controller,
+            c.kind,
+            c.value,
+            c.parameters["eps"],
+            c.options["plant"]["contacts"],
+        )
         for c in cases
-    ]
+    ]  # fmt: skip
     assert found == expected
     assert {c.parameters["Kp"] for c in cases} == {70.0}
-    assert {(c.period, c.timestep, c.sample) for c in cases} == {(0.01, 5e-4, None)}
-    assert {c.duration for c in cases if c.kind == "tracking"} == {8.0}
-    assert {c.duration for c in cases if c.kind != "tracking"} == {10.0}
+    grids = [(c.kind, c.grid(sweep.models[c.robot]), c.sample) for c in cases]
+    assert {(g.period, g.timestep, sample) for _, g, sample in grids} == {(0.01, 5e-4, None)}
+    assert {grid.duration for kind, grid, _ in grids if kind == "tracking"} == {8.0}
+    assert {grid.duration for kind, grid, _ in grids if kind != "tracking"} == {10.0}
     assert len({c.name for c in cases}) == len(cases)
 
 
@@ -66,8 +76,9 @@ def test_ranges_and_defaults(written):
     case = sweep.cases[0]
     published = PUBLISHED["finger"]["ic"]
     assert Gains(**case.parameters) == replace(published, Kp=100.0, eps=0.01)
-    assert case.period == paper.setup("finger").period
-    assert (case.duration, sweep.figure, sweep.logs) == (0.2, "final_error_cm", False)
+    grid = case.grid(sweep.models["finger"])
+    assert (grid.period, grid.duration) == (paper.setup("finger").period, 0.2)
+    assert (sweep.figure, sweep.logs) == ("final_error_cm", False)
 
 
 SAMPLED = (
@@ -96,7 +107,7 @@ robots = "ur5"
 annotations.ur5 = "mine.xml"
 controllers = ["mpc", "own.py:Spring"]
 targets.point = [0.5, 0.2, 0]
-plant.duration = 0.02
+run.duration = 0.02
 gains.horizon = 0.2
 """)
     job, own = sweep.jobs()
@@ -145,31 +156,31 @@ BASE = {
     "targets": "[targets]\ntheta = 0.5",
 }
 MISUSES = [
-    ({"robots": ""}, "robots: expected a list of distinct names, got nothing"),
-    ({"robots": "robots = []"}, "robots: expected a list of distinct names, got []"),
-    ({"robots": 'robots = ["finger", "finger"]'}, "robots: expected a list of distinct names"),
-    ({"robots": "robots = 3"}, "robots: expected a list of distinct names, got 3"),
+    ({"robots": ""}, "expected robots, got none"),
+    ({"robots": "robots = []"}, "robots: expected a text, or a list of distinct texts, got []"),
+    ({"robots": 'robots = ["finger", "finger"]'}, "robots: expected a text, or a list of distinct"),
+    ({"robots": "robots = 3"}, "robots: expected a text, or a list of distinct texts, got 3"),
     ({"robots": 'robots = ["fingr"]'}, "robots: expected a URDF file or a name such as finger"),
     ({"robots": 'robots = ["none.urdf"]'}, "robots: expected an existing file"),
     ({"robots": 'robots = ["broken.urdf"]'}, "in broken.urdf"),
     ({"robots": 'robots = ["ur5"]'}, "robots: expected robots with actuators"),
     ({"robots": 'robots = ["pendulum.urdf"]'},
-     "gains.Kp: expected a value for pendulum.urdf, which has no published gains, got none"),
+     "ic for pendulum.urdf: gains: expected Gains(Kp="),
     ({"controllers": 'controllers = ["pid"]'}, "controllers: expected soft-id-clf-qp"),
     ({"controllers": 'controllers = ["none.py:C"]'}, "controllers: expected an existing Python"),
     ({"controllers": 'controllers = ["own.py:C"]'}, "controllers: expected a class in"),
     ({"controllers": 'controllers = ["bad.py:C"]'}, "NameError in line 1"),
-    ({"targets": ""}, "targets: expected at least one of theta, omega, point, got none"),
-    ({"targets": "[targets]\nphi = 1"}, "targets.phi: expected one of theta, omega, point"),
+    ({"targets": ""}, "expected [targets], got none"),
+    ({"targets": "[targets]\nphi = 1"}, "[targets]: phi: expected one of equilibria, theta"),
     ({"targets": "[targets]\nomega = 0"}, "targets.omega: expected a finite number > 0, got 0"),
     ({"targets": "[targets]\ntheta = nan"}, "targets.theta: expected a finite number, got nan"),
-    ({"targets": "[targets]\npoint = 1"}, "targets.point: expected [x, y, z] in m"),
+    ({"targets": "[targets]\npoint = 1"}, "[targets]: point: expected [x, y, z] in m"),
     ({"targets": "[targets]\npoint = [1, 2]"}, "targets.point: expected [x, y, z] in m"),
     ({"targets": "[targets]\npoint = [[1, 2, inf]]"}, "targets.point: expected a finite number"),
-    ({"targets": "[targets]\npoint = []"}, "targets.point: expected [x, y, z] in m"),
-    ({"targets": "targets = 1"}, "targets: expected a table [targets], got 1"),
+    ({"targets": "[targets]\npoint = []"}, "[targets]: point: expected [x, y, z] in m"),
+    ({"targets": "targets = 1"}, "[targets]: expected a table, got 1"),
     ({"more": "[gain]\nKp = 1"}, "gain: expected one of robots, controllers"),
-    ({"more": "[gains]\nkp = 1"}, "gains.kp: expected one of Kp, eps"),
+    ({"more": "[gains]\nkp = 1"}, "[gains]: kp: expected one of Kp, eps"),
     ({"more": "[gains]\nKp = -1"}, "gains.Kp: expected a positive number, got -1"),
     ({"more": "[gains]\nKp = true"}, "gains.Kp: expected a positive number, got True"),
     ({"more": '[gains]\nKp = "big"'}, "gains.Kp: expected a positive number, got 'big'"),
@@ -177,33 +188,35 @@ MISUSES = [
     ({"more": "[gains]\nKp = [1, 1.0]"}, "gains.Kp: expected distinct values, got [1, 1.0]"),
     ({"more": "[gains]\nKp = {from = 1, to = 2}"}, "gains.Kp: expected a range {from, to, count}"),
     ({"more": "[gains]\nKp = {from = 1, to = 2, count = 1}"},
-     "gains.Kp.count: expected a whole number from 2"),
+     "gains.Kp: count: expected a whole number from 2"),
     ({"more": "[gains]\nKp = {from = 2, to = 1, count = 3}"},
-     "gains.Kp: expected a lower end below the upper, got [2, 1]"),
+     "gains.Kp: expected a lower end below the upper, got [2.0, 1.0]"),
     ({"more": "[gains]\nw1 = {from = 0, to = 1, count = 3, spacing = 'log'}"},
      "gains.w1: expected a finite number > 0, got 0"),
     ({"more": "[gains]\nKp = {from = 1, to = 2, count = 3, spacing = 'cubic'}"},
-     "gains.Kp.spacing: expected linear or log, got cubic"),
-    ({"more": "[gains]\nKp = {from = 1, to = 2, step = 3}"}, "gains.Kp.step: expected one of"),
+     "gains.Kp: spacing: expected linear or log, got 'cubic'"),
+    ({"more": "[gains]\nKp = {from = 1, to = 2, count = 3, step = 3}"},
+     "gains.Kp: step: expected one of"),
     ({"more": "[gains]\nKp = {uniform = [1, 2]}"},
      "samples: expected a table with the count of samples of gains.Kp, got none"),
     ({"more": "[gains]\nKp = {uniform = [1]}\n[samples]\ncount = 2"},
-     "gains.Kp.uniform: expected [lower, upper], got [1]"),
+     "gains.Kp: uniform: expected [lower, upper], got [1]"),
     ({"more": "[gains]\nKp = {uniform = [-1, 1]}\n[samples]\ncount = 2"},
      "gains.Kp: expected a positive number, got -1"),
     ({"more": "[gains]\nKp = {uniform = [1, 2], count = 3}\n[samples]\ncount = 2"},
-     "gains.Kp.count: expected one of uniform, got 'count'"),
+     "gains.Kp: count: expected one of uniform, got 'count'"),
     ({"more": "[samples]\ncount = 2"}, "samples: expected a parameter with uniform or log_uniform"),
-    ({"more": "[samples]\nseed = 2"}, "samples.count: expected a whole number from 1"),
-    ({"more": "[samples]\ncount = 2\nseed = -1"}, "samples.seed: expected a whole number from 0"),
-    ({"more": "[plant]\nmasses = 1"}, "plant.masses: expected one of period, duration, timestep"),
-    ({"more": "[plant]\nperiod = 0"}, "plant.period: expected a finite number > 0, got 0"),
+    ({"more": "[samples]\nseed = 2"}, "[samples]: expected count, got none"),
+    ({"more": "[samples]\ncount = 2\nseed = -1"}, "[samples]: seed: expected a whole number"),
+    ({"more": "[plant]\nmasses = 1"}, "plant.masses: expected one of contacts, friction"),
+    ({"more": "[run]\nperiod = 0"}, "run.period: expected a finite number > 0, got 0"),
     ({"more": "[plant]\ncontacts = 1"}, "plant.contacts: expected true or false, got 1"),
-    ({"more": "[plant]\ncontacts = {uniform = [0, 1]}"}, "plant.contacts: expected true or false"),
-    ({"more": "[plant]\ntimestep = 0.0003"}, "finger, timestep: expected an integer part of"),
-    ({"more": "[plant]\nduration = 1e9"}, "finger, duration: expected at most"),
+    ({"more": "[plant]\ncontacts = {uniform = [0, 1]}\n[samples]\ncount = 2"},
+     "plant.contacts: expected true or false"),
+    ({"more": "[run]\ntimestep = 0.0003"}, "finger, ic: timestep: expected an integer part of"),
+    ({"more": "[run]\nduration = 1e9"}, "finger, ic: duration: expected at most"),
     ({"top": "logs = 1"}, "logs: expected true or false, got 1"),
-    ({"top": 'figure = "time"'}, "figure: expected one of final_error_cm"),
+    ({"top": 'figure = "time"'}, "figure: expected final_error_cm or"),
     ({"top": 'figure = "second_cycle_mse_cm2"'}, "figure: expected final_error_cm or mse_cm2"),
     ({"more": "[gains]\nKp = {from = 1, to = 2, count = 1000}\n"
               "eps = {from = 1, to = 2, count = 1000}"},
@@ -211,8 +224,8 @@ MISUSES = [
      "1000 gains.Kp × 1000 gains.eps"),
     ({"controllers": 'controllers = ["ic", "own.py:Spring"]',
       "more": '[gains."own.py:Sprung"]\nk = 1'},
-     "gains.own.py:Sprung: expected a gain, or one of the controllers ic, own.py:Spring, got a"),
-    ({"more": "[gains.ic]\nkp = 1"}, "gains.ic.kp: expected one of Kp, eps"),
+     "[gains]: own.py:Sprung: expected one of Kp, eps"),
+    ({"more": "[gains.ic]\nkp = 1"}, "[gains]: [ic]: kp: expected one of Kp, eps"),
     ({"more": "[gains.ic]\nKp = [1, -1]"}, "gains.ic.Kp: expected a positive number, got -1"),
     ({"controllers": 'controllers = ["mpc"]', "more": "[gains.mpc]\nhorizn = 1"},
      "mpc for finger: parameters: horizn: expected"),
@@ -272,9 +285,8 @@ def test_the_documents_sweeps_are_sweeps(folder, monkeypatch):
     monkeypatch.setattr(study_targets, "points", points)
     cases = read_sweep(folder / "unseen.toml").cases
     assert len(cases) == 2 * 2 * 4 * 2  # robots, controllers, equilibria, changes
-    assert {(c.rig and c.rig.lag, (c.parameters or {}).get("lag")) for c in cases} == {
-        (None, None), (0.02, 0.02),
-    }  # fmt: skip
+    lags = {(parameter(c, "rig.lag"), parameter(c, "gains.lag")) for c in cases}
+    assert lags == {(None, None), (0.02, 0.02)}
     blocks = (ROOT / "docs" / "sweeps.md").read_text().split("```toml\n")[1:]
     assert blocks
     for block in blocks:
@@ -313,27 +325,27 @@ def test_factors_by_joint_and_random_rigs(written, folder):
     sweep = written(BY_JOINT)
     first, second = sweep.cases[:2]
     assert len(sweep.cases) == 2 * 2 * 2
-    springs = first.plant.stiffness
+    springs = first.options["plant"]["stiffness"]
     assert [*springs] == ["each", "joint1", "joint2", "joint3", "joint4"]
     assert springs["joint1"] == 0.9
     assert len({springs[f"joint{k}"] for k in (2, 3, 4)}) == 3
     assert all(0.8 <= springs[f"joint{k}"] <= 1.2 for k in (2, 3, 4))
-    assert {case.plant.stiffness["joint2"] for case in sweep.cases} == {
-        springs["joint2"], second.plant.stiffness["joint2"],
-    }  # fmt: skip
-    assert first.plant.damping == {"each": 1.1}
-    assert (first.rig.file, first.rig.noise, first.rig.lag) == (False, 0.001, 0.02)
-    assert 0 < first.rig.latency < 0.01
-    assert {c.plant.mass["joint3"] for c in sweep.cases if isinstance(c.plant.mass, dict)} == {1.2}
-    table = list(csv.DictReader(io.StringIO(sweep_report.to_csv([(first, {})], sweep.seed))))
-    assert float(table[0]["stiffness.joint2"]) == springs["joint2"]
-    assert float(table[0]["rig.latency"]) == first.rig.latency
+    second_spring = {parameter(case, "plant.stiffness.joint2") for case in sweep.cases}
+    assert second_spring == {springs["joint2"], second.options["plant"]["stiffness"]["joint2"]}
+    assert first.options["plant"]["damping"] == {"each": 1.1}
+    rig = first.options["rig"]
+    assert (rig["file"], rig["noise"], rig["lag"]) == (False, 0.001, 0.02)
+    assert 0 < rig["latency"] < 0.01
+    assert {parameter(c, "plant.mass.joint3") for c in sweep.cases} == {None, 1.2}
+    table = list(csv.DictReader(io.StringIO(sweep_report.to_csv(sweep, [(first, {})]))))
+    assert float(table[0]["plant.stiffness.joint2"]) == springs["joint2"]
+    assert float(table[0]["rig.latency (s)"]) == rig["latency"]
     assert (table[0]["sample"], table[0]["seed"]) == ("0", "5")
     varied = sweep_report.to_markdown(sweep, [])
     assert "- stiffness of each joint: 2 uniform samples, seed 5" in varied
     assert "- stiffness.joint1: 0.9, 1.1" in varied
     other = written(BY_JOINT.replace("joint1 = [0.9, 1.1]", "joint1 = 1.0"))
-    assert other.cases[0].plant.stiffness["joint2"] == springs["joint2"]
+    assert parameter(other.cases[0], "plant.stiffness.joint2") == springs["joint2"]
 
 
 BY_JOINT = """
@@ -364,12 +376,16 @@ seed = 5
         ("joint1 =", "joint9 =", "plant.stiffness.joint9: expected a joint of finger, or each"),
         ("joint3 =", "joint9 =", "changes.heavy.plant.mass.joint9: expected a joint of finger"),
         ("damping.each = 1.1", "damping.each = [1, 2]", "plant.damping.each: expected one value"),
-        ("damping.each = 1.1", "damping = {}", "plant.damping: expected a factor, or some by"),
+        (
+            "damping.each = 1.1",
+            "damping = {}",
+            "[plant]: damping: expected a value, or a table of some",
+        ),
         ("damping.each = 1.1", "damping.each = -1", "plant.damping.each: expected a finite number"),
         ("each = { uniform = [0.8, 1.2] }", "each = { uniform = [2, 1] }", "a lower end below"),
         ("lag = 0.02", "lag = true", "rig.lag: expected a finite number >= 0, got True"),
         ("noise = 0.001", "file = 1", "rig.file: expected true or false, got 1"),
-        ("latency = {", "latency = 11 # {", "latency: expected a finite number >= 0 and <= 10"),
+        ("latency = {", "latency = 11 # {", "rig.latency: expected seconds, at most 10, got 11"),
     ],
 )
 def test_misuses_of_factors_by_joint_and_of_the_rig(written, old, new, message):

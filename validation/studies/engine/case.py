@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,17 +16,18 @@ import numpy as np
 from softdyn import InputError, Reference, SoftModel
 from softdyn.controllers.registry import one_line_errors
 from softdyn.exceptions import own_code_errors
-from softdyn.validation.files import safe_filename
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.metrics import input_change
+from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.simulate import simulate
 from softdyn.validation.studies import experiments
-from softdyn.validation.twin.plant_errors import PlantErrors
-from softdyn.validation.twin.rig import Rig
+
+LONGEST_NAME = 80  # characters of a file's name before its hash
 
 # kind of a case → its experiment, from a robot's setup and the case's value
+NAMES = {"set_point": "theta", "tracking": "omega", "point": "point"}  # in files and tables
 KINDS: dict[str, Callable[[experiments.Setup, Any], Experiment]] = {
     "set_point": experiments.Setup.set_point,
     "tracking": experiments.Setup.tracking,
@@ -34,7 +37,7 @@ KINDS: dict[str, Callable[[experiments.Setup, Any], Experiment]] = {
 
 @dataclass(frozen=True)
 class Case:
-    """One closed loop. None stands for the default of the robot, experiment or controller.
+    """One closed loop: a call of `simulate` as plain data.
 
     Attributes
     ----------
@@ -45,16 +48,9 @@ class Case:
     value : float or tuple of float
         θ or ω in multiples of π (rad, rad/s), or the point (3,) in the world (m).
     parameters : Any
-        Arguments of the controller besides the model.
-    period, duration, timestep : float, optional
-        Control period, length of the run, plant step (s). A step of ``inf`` means one per period.
-    plant : PlantErrors
-        Differences between plant and model.
-    rig : Rig, optional
-        The rig between controller and plant; its plant is that of this case.
-    observer : str, optional
-        The observer of the states that the controller gets, in the words of
-        `softdyn.validation.loop.observation.make_observer`.
+        Arguments of the controller besides the model; None for its defaults.
+    options : mapping
+        The keywords of `RunOptions` that are not the default, as `RunOptions.of` takes them.
     ellipse_scale : float
         Factor on both semi-axes of the paper's ellipse, about its centre.
     nudge : float
@@ -74,6 +70,9 @@ class Case:
         A file with the robot's ``<softdyn>`` block, if the robot's own file has none.
     sample : int, optional
         Number of the random sample with these parameters.
+    words : str
+        What makes this case different from its neighbours, for the names of its files. It does not
+        make it another case.
     """
 
     robot: str
@@ -81,12 +80,7 @@ class Case:
     kind: str
     value: Any
     parameters: Any = None
-    period: float | None = None
-    duration: float | None = None
-    timestep: float | None = None
-    plant: PlantErrors = field(default_factory=PlantErrors)
-    rig: Rig | None = None
-    observer: str | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
     ellipse_scale: float = 1.0
     nudge: float = 0.0
     draw: tuple[int, int] | None = None
@@ -96,22 +90,40 @@ class Case:
     reference_sampling: bool = False
     annotations: str | None = None
     sample: int | None = None
+    words: str = field(default="", compare=False)
+
+    def __hash__(self) -> int:
+        return hash(self.name)  # mappings have no hash
 
     @cached_property
     def name(self) -> str:
         """A unique relative path, safe as a file name; a hash stands for non-default values."""
-        value = "" if self.kind == "point" else f"_{number_text(self.value)}"
-        path = f"{safe_filename(self.robot)}/{safe_filename(self.controller)}/{self.kind}{value}"
-        usual = Case(self.robot, self.controller, self.kind, self.value)
-        if self == usual and self.kind != "point":
-            return path
-        text = json.dumps(to_plain_data(self), sort_keys=True)
-        return f"{path}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+        value = "_".join(map(number_text, self.value if self.kind == "point" else [self.value]))
+        folder = f"{legible(self.robot)}/{legible(self.controller)}"
+        file = f"{self.kind}_{value}"
+        if self == Case(self.robot, self.controller, self.kind, self.value) and folder == (
+            f"{self.robot}/{self.controller}"
+        ):
+            return f"{folder}/{file}"
+        text = json.dumps(to_plain_data(replace(self, words="")), sort_keys=True)
+        mark = hashlib.sha256(text.encode()).hexdigest()[:12]
+        file = "_".join(filter(None, [file, safe(self.words)]))[:LONGEST_NAME]
+        return f"{folder}/{file}-{mark}"
+
+    @property
+    def inputs(self) -> dict[str, Any]:
+        """The case in the words of a sweep file."""
+        return {
+            "robot": self.robot, "controller": self.controller, "kind": NAMES[self.kind],
+            "target": self.value, "gains": self.parameters, "options": self.options,
+            "ellipse_scale": self.ellipse_scale, "sample": self.sample,
+        }  # fmt: skip
 
     def experiment(self, model: SoftModel) -> Experiment:
         """The experiment; a robot that is not in the paper gets an ellipse of its own size."""
         setup = replace(experiments.setup_of(model), ellipse_scale=self.ellipse_scale)
-        setup = setup if self.period is None else replace(setup, period=self.period)
+        period = self.options.get("period")
+        setup = setup if period is None else replace(setup, period=period)
         experiment = KINDS[self.kind](setup, self.value)
         if self.target is not None:
             experiment = replace(experiment, reference=self.target(self.robot, experiment))
@@ -123,10 +135,22 @@ class Case:
             return np.full(size, self.nudge)
         return self.nudge * np.random.default_rng(self.draw).normal(size=size)
 
+    def grid(self, model: SoftModel) -> TimeGrid:
+        """The run's control periods and plant steps.
+
+        Raises
+        ------
+        InputError
+            The case's times do not fit together.
+        """
+        experiment = self.experiment(model)
+        duration = self.options.get("duration", experiment.duration)
+        return TimeGrid.plan(duration, experiment.period, self.options.get("timestep"))
+
     def cost(self, model: SoftModel) -> float:
         """Rough cost of the run: control steps, weighted by the robot's size."""
-        experiment = self.experiment(model)
-        return (self.duration or experiment.duration) / experiment.period * (10 + model.nv)
+        grid = self.grid(model)
+        return grid.duration / grid.period * (10 + model.nv)
 
 
 def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
@@ -142,20 +166,9 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
     experiment = case.experiment(model)
     controller = case.law(case.controller, model) if case.law else make()
     controller = case.around(controller) if case.around else controller
-    step = case.timestep
+    v0, name = case.start(model.nv), case.controller
     with own_code_errors(), one_line_errors(case.controller, "a command"):
-        return simulate(
-            model,
-            controller,
-            experiment,
-            duration=case.duration,
-            timestep=None if step is None else min(step, experiment.period),
-            v0=case.start(model.nv),
-            name=case.controller,
-            plant=case.plant,
-            rig=case.rig,
-            observer=case.observer,
-        )
+        return simulate(model, controller, experiment, v0=v0, name=name, **case.options)
 
 
 def figures(case: Case, log: Log) -> dict[str, Any]:
@@ -179,6 +192,8 @@ def figures(case: Case, log: Log) -> dict[str, Any]:
         "first_error_cm": float(error[0]),
         "last_second_cm": last,
         "simulated_s": float(log.t[-1]),
+        "period_s": log.period,
+        "timestep_s": log.timestep,
     }
 
 
@@ -186,3 +201,17 @@ def number_text(value: float) -> str:
     """The shortest text of a number that reads back as the same number."""
     short = f"{value:g}"
     return short if float(short) == value else repr(value)
+
+
+def safe(text: str) -> str:
+    """Text with letters, digits, ``.``, ``_`` and ``-`` alone, as a part of a file's name."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", text).strip("_.")
+
+
+def legible(name: str) -> str:
+    """A short name of a robot or a controller: that of the file without its folder, or the class.
+
+    Two of them may have the same short name.
+    """
+    file, _, kind = name.rpartition(".py:")
+    return safe(kind if file else Path(name).stem).replace(".", "_") or "_"

@@ -31,14 +31,16 @@ NOISE_SEEDS = 1000  # seeds of the noise between two seeds of an ensemble
 
 def is_noisy(case: Case) -> bool:
     """Whether the controller sees noisy states."""
-    return case.rig is not None and case.rig.noise > 0
+    rig = case.options.get("rig")
+    return isinstance(rig, Mapping) and rig.get("noise", 0.0) > 0
 
 
 def members(case: Case, count: int, seed: int) -> list[Case]:
     """Copies of a case with `count` random starts of this seed, or with as many other noises."""
-    if case.rig is not None and is_noisy(case):
-        first = NOISE_SEEDS * seed + 1
-        return [replace(case, rig=replace(case.rig, seed=k)) for k in range(first, first + count)]
+    if is_noisy(case):
+        first, options, rig = NOISE_SEEDS * seed + 1, case.options, case.options["rig"]
+        seeds = range(first, first + count)
+        return [replace(case, options={**options, "rig": {**rig, "seed": k}}) for k in seeds]
     return [replace(case, nudge=NUDGE, draw=(seed, k)) for k in range(count)]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
+from dataclasses import replace
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
@@ -29,17 +30,23 @@ def fingerprint(case: Case, *parts: Any) -> str:
     If the case calls functions of its own, every Python file of their folders counts, too. Files
     are hashed at the first call in this process.
     """
-    everything = (case, *parts, code(), [_hash_of_folder(one) for one in _called(case)])
+    everything = (
+        replace(case, words=""),
+        *parts,
+        code(),
+        [_hash_of_folder(one) for one in _called(case)],
+    )
     return hashlib.sha256(json.dumps(to_plain_data(everything)).encode()).hexdigest()
 
 
 def _called(case: Case) -> list[Path]:
     """The folders of the modules of a case's own functions and objects."""
     folders = set()
-    for one in (case.law, case.target, case.around, case.plant):
+    for one in (case.law, case.target, case.around, case.options.get("plant")):
         while isinstance(one, partial):
             one = one.func
-        file = None if one is None else getattr(sys.modules[one.__module__], "__file__", None)
+        builtin = one is None or isinstance(one, dict)
+        file = None if builtin else getattr(sys.modules[one.__module__], "__file__", None)
         if file is not None:
             folders.add(Path(file).resolve().parent)
     return sorted(folders)

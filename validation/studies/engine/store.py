@@ -22,6 +22,7 @@ from softdyn import InputError
 from softdyn.files import remove_left_over
 from softdyn.validation.files import atomic, read_json, to_json, write_json
 from softdyn.validation.loop.log import STEP_TIMES, Log
+from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.studies.engine import case as cases
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.fingerprint import has_digest
@@ -113,7 +114,9 @@ class Store:
         """
         path = self.result_path(job.name)
         ran = result.figures["outcome"] != "not_run"  # otherwise it runs again the next time
-        content = {"fingerprint": job.fingerprint if ran else None, **job.head, **result.figures}
+        mark = job.fingerprint if ran else None
+        inputs = to_plain_data(job.case.inputs)
+        content = {"fingerprint": mark, "inputs": inputs, **result.figures}
         _make_folder(path.parent)
         if result.log is not None:
             with atomic(self.log_path(job.name)) as file:

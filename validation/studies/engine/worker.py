@@ -37,8 +37,6 @@ class CaseJob:
     case : Case
     name : str
         Path of its files below a store's folder, without a suffix.
-    head : dict
-        First entries of its result file.
     robot, controller : Source
         Their files; None for a controller of the package.
     cost : float
@@ -51,7 +49,6 @@ class CaseJob:
 
     case: Case
     name: str
-    head: Mapping[str, Any]
     robot: Source
     controller: Source | None
     cost: float
@@ -87,8 +84,6 @@ def jobs_of(
     cases: Sequence[Case],
     *,
     names: Sequence[str] | None = None,
-    heads: Sequence[Mapping[str, Any]] | None = None,
-    also: Sequence[Any] | None = None,
     folder: Path = Path(),
     log: bool = False,
 ) -> list[CaseJob]:
@@ -97,10 +92,8 @@ def jobs_of(
     Parameters
     ----------
     cases : sequence of Case
-    names, heads : sequences, optional
-        `CaseJob.name` and `CaseJob.head` of each job; by default the case's name and an empty dict.
-    also : sequence, optional
-        Further data that each run depends on.
+    names : sequence of str, optional
+        `CaseJob.name` of each job; by default the case's name.
     folder : Path
         Relative paths of robots and controllers are relative to it.
     log : bool
@@ -117,15 +110,13 @@ def jobs_of(
     own = {name: sources.of_controller(name, folder) for name in controllers}
     code = fingerprint.code()
     found = []
-    for i, case in enumerate(cases):
+    for case, name in zip(cases, names or [case.name for case in cases], strict=True):
         robot, model = robots[case.robot, case.annotations]
         controller = own.get(case.controller)
         files = [part.files for part in robot.parts]
         parts = (files, controller and controller.files, experiments.setup_of(model))
-        mark = fingerprint.fingerprint(case, *parts, also[i] if also else None)
-        name, head = names[i] if names else case.name, heads[i] if heads else {}
-        cost = case.cost(model)
-        found.append(CaseJob(case, name, head, robot, controller, cost, mark, code, log))
+        mark = fingerprint.fingerprint(case, *parts)
+        found.append(CaseJob(case, name, robot, controller, case.cost(model), mark, code, log))
     return found
 
 
