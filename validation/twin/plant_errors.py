@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -64,8 +63,8 @@ class PlantErrors:
         for name in BY_JOINT:
             value = getattr(self, name)
             for joint, factor in value.items() if isinstance(value, Mapping) else [("", value)]:
-                above = 0.0 if name == "mass" else -math.inf
-                number(f"{name}.{joint}".rstrip("."), factor, lower=0.0, above=above)
+                least = {"above" if name == "mass" else "lower": 0.0}
+                number(f"{name}.{joint}".rstrip("."), factor, **least)
 
     @property
     def rubs(self) -> bool:

@@ -107,7 +107,7 @@ def test_a_run_is_known_by_the_content_of_the_shapes(tmp_path):
     def mark(name="chain.xml"):
         plant = BorrowedPlant.of(PlantErrors(mass=1.1), tmp_path / name)
         assert plant.mass == 1.1
-        return fingerprint(Case("finger", "ic", "set_point", 0.5, plant=plant))
+        return fingerprint(Case("finger", "ic", "set_point", 0.5, options={"plant": plant}))
 
     marks = [mark()]
 

@@ -16,6 +16,7 @@ import softdyn
 from softdyn import InputError
 from softdyn.commands import cli
 from softdyn.validation import paper
+from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.studies.engine.case import Case
 from tests.proof import reproduce
 from tests.proof.paper import one_step
@@ -125,7 +126,8 @@ def test_a_law_s_own_record_is_met(tmp_path):
     name, period = "reference", paper.setup("helix").period
     cell = Case("helix", "ic", "set_point", 0.5)
     case, model = changed(cell, name), softdyn.load("helix")
-    plan, twin = case.experiment(model), case.plant.twin(model.robot, timestep=period)
+    plan, errors = case.experiment(model), RunOptions.of(case.options).plant
+    twin = errors.twin(model.robot, timestep=period)
     law = case.around(case.law("ic", model))
     rows = []
     for k in range(6):

@@ -17,6 +17,7 @@ from softdyn.controllers.gains import PUBLISHED
 from softdyn.controllers.registry import make_controller
 from softdyn.validation import Log, StateMap, Twin, paper
 from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
+from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.studies.engine import case as engine
 from softdyn.validation.studies.engine.case import Case, figures
 from softdyn.validation.twin.plant_errors import PlantErrors
@@ -87,7 +88,9 @@ def prepare(monkeypatch):
         asked = {}
 
         def simulate(model, controller, experiment, **options):
-            asked.update(model=model, experiment=experiment, **options)
+            taken = vars(RunOptions.of(options))
+            asked.update(taken | {"plant": taken["plant"] or PlantErrors()})
+            asked.update(model=model, experiment=experiment)
 
         with monkeypatch.context() as patch:
             patch.setattr(engine, "simulate", simulate)
@@ -228,10 +231,10 @@ def test_soft_stops_let_the_hanging_helix_sink(models):
 @pytest.mark.parametrize(
     ("robot", "name", "expected"),
     [
-        ("finger", "plant-step", {"timestep": 0.005}),
-        ("helix", "plant-step", {"timestep": 0.0075}),
+        ("finger", "plant-step", {"timestep": np.inf}),
+        ("helix", "plant-step", {"timestep": np.inf}),
         ("finger", "plant-fine", {"timestep": 1e-4}),
-        ("finger", "period-2ms+plant-step", {"timestep": 0.002}),
+        ("finger", "period-2ms+plant-step", {"timestep": np.inf, "period": 0.002}),
         ("helix", "contacts", {"contacts": True}),
         ("spirob", "friction", {"rubs": True}),
         ("finger", "stale", {"timestep": None, "contacts": False, "rubs": False}),
@@ -240,7 +243,8 @@ def test_soft_stops_let_the_hanging_helix_sink(models):
 def test_options_of_the_plant(robot, name, expected, prepare):
     asked = prepare(Case(robot, "ic", "set_point", 1.0), name)
     errors = asked["plant"]
-    found = {"timestep": asked["timestep"], "contacts": errors.contacts, "rubs": errors.rubs}
+    found = {"contacts": errors.contacts, "rubs": errors.rubs}
+    found |= {"timestep": asked["timestep"], "period": asked["experiment"].period}
     assert {key: found[key] for key in expected} == expected
     plain = Twin(robot, friction=errors.rubs).model
     plant = errors.twin(robot, friction=errors.rubs).model
@@ -322,9 +326,9 @@ def test_hulls_need_the_reference_s_files(tmp_path):
     file = tmp_path / "mujoco_models" / "helix" / "helix_control.xml"
     file.parent.mkdir(parents=True)
     file.write_text('<mujoco><worldbody><geom size="0.1"/></worldbody></mujoco>')
-    assert changed(cell, "hulls", tmp_path).plant.shapes == file
+    assert changed(cell, "hulls", tmp_path).options["plant"].shapes == file
     finger = Case("finger", "ic", "set_point", 1.0)  # its links never meet
-    assert changed(finger, "hulls").plant == finger.plant
+    assert changed(finger, "hulls").options == finger.options
 
 
 @pytest.mark.parametrize("robot", ["finger", "helix"])
