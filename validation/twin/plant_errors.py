@@ -63,8 +63,11 @@ class PlantErrors:
         for name in BY_JOINT:
             value = getattr(self, name)
             for joint, factor in value.items() if isinstance(value, Mapping) else [("", value)]:
-                least = {"above" if name == "mass" else "lower": 0.0}
-                number(f"{name}.{joint}".rstrip("."), factor, **least)
+                part = f"{name}.{joint}".rstrip(".")
+                if name == "mass":
+                    number(part, factor, above=0.0)
+                else:
+                    number(part, factor, lower=0.0)
 
     @property
     def rubs(self) -> bool:
