@@ -40,7 +40,7 @@ SLACK = 2.3e4  # ρ L² / ε²; the weights of the paper's finger are near these
 
 @dataclass(frozen=True)
 class ProposedGains:
-    """What `propose` found; `toml` is a file for ``softdyn run --gains``.
+    """Gains that `propose` found; `toml` is a file for ``softdyn run --gains``.
 
     Attributes
     ----------

@@ -361,7 +361,7 @@ class Ekf(Separate):
     def _expect(
         self, channel: SensorChannel
     ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
-        """What `SensorChannel.expect` says now.
+        """The present answer of `SensorChannel.expect`.
 
         Tensions and accelerations under winches change with the state, at the commands that act
         now. The mean inputs of a step are not enough: stiff cables make much of little.
