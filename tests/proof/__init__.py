@@ -11,6 +11,7 @@ of them.
 - `pictures`, `film`: the documents' pictures and clips;
 - `tables`, `documents`: the documents' tables;
 - `weights`: the size of each package that an installation brings;
+- `rests`: equilibria at the paper's set points, with the figures of docs/statics_measured.md;
 - `poses`: predictive control at poses, with the figures of docs/beyond.md;
 - `twins`: identifications of twins, with the figures of the documents;
 - `closed_forms`, `peer`, `rods`: chains of joints against theory and against SoRoMoX;

@@ -278,7 +278,7 @@ def _statics() -> str:
         lines.append([
             row["robot"], f"{row['theta']:g}π", number(near["distance_cm"]),
             "yes" if near["stable"] else "no", *(f"{near[key]:.2g}" for key in keys),
-            ", ".join(f"{x:.2f}" for x in near["u"]),
+            ", ".join(f"{x:z.2f}" for x in near["u"]),
             *([None] * 3 if stable is None else
               [number(stable["distance_cm"]), *(f"{stable[key]:.2g}" for key in keys[::2])]),
             benchmark.committed()[cell].text(),

@@ -10,7 +10,7 @@ import pytest
 from softdyn import InputError
 from softdyn.commands import benchmark
 from softdyn.validation.studies.engine.distribution import Distribution
-from tests.proof import tables
+from tests.proof import rests, tables
 from tests.proof.documents import tables as documents
 from tests.support import ROOT
 
@@ -93,3 +93,19 @@ def test_a_published_failure_is_held_against_failures() -> None:
     assert documents.verdict("failed", None, [lost, lost]) == "✓"
     assert documents.verdict("failed", None, [lost, held]) == "1 of 2 fail"
     assert documents.verdict("failed", None, [lost, None]) == "not run"
+
+
+def test_a_set_point_s_row_has_its_nearest_equilibrium_and_another_stable_one() -> None:
+    def held(far: float, stable: bool) -> dict[str, Any]:
+        return {
+            "distance_cm": far, "stable": stable, "smallest_eigenvalue": 0.1, "u": [0.2],
+            "rightmost_pole": -1.0, "nudged_drift_cm": {"largest": 9.0, "final": 0.3},
+        }  # fmt: skip
+
+    stable = {"theta": 0.5, "closest": held(0.0, True), "closest_stable": held(0.0, True)}
+    row = rests.row_of(stable)
+    assert row["closest_stable"] is None
+    assert (row["theta"], row["closest"]["drift_cm"]) == (0.5, 0.3)
+    row = rests.row_of(stable | {"closest": held(0.0, False), "closest_stable": held(2.0, True)})
+    assert row["closest_stable"]["distance_cm"] == 2.0
+    assert rests.row_of(stable | {"closest_stable": None})["closest_stable"] is None
