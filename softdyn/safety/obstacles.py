@@ -343,15 +343,15 @@ class BarrierSet:
 
     def _parted(self) -> list[Callable[[State], tuple[Values, np.ndarray]]]:
         """A function for the obstacles of the same links, and one for any other barrier."""
-        shared: dict[Any, list[int]] = {}
+        shared: dict[Any, list[tuple[int, Obstacle]]] = {}
         parts: list[Callable[[State], tuple[Values, np.ndarray]]] = []
         for k, one in enumerate(self._barriers):
             if isinstance(one, Obstacle) and one.links is not None:
-                shared.setdefault(one.links, []).append(k)
+                shared.setdefault(one.links, []).append((k, one))
             else:
                 parts.append(partial(_alone, one, k))
-        for links, which in shared.items():
-            obstacles = [self._barriers[k] for k in which]
+        for links, found in shared.items():
+            which, obstacles = zip(*found, strict=True)
             clearance = Clearance(_bodies(self._model, links), [one.solid for one in obstacles])
             margin = np.array([one.margin for one in obstacles])
             reach = np.array([one._on(self._model)[1] for one in obstacles]) + margin

@@ -92,7 +92,7 @@ class Cores(NamedTuple):
     def of(cls, solids: Sequence[Solid]) -> Cores:
         """The cores of these bodies."""
         half, corners = np.array([one.half for one in solids]), [one.corners for one in solids]
-        single = ~half.any(axis=1)
+        single = np.asarray(~half.any(axis=1))
         counts = [MOST if points is None else min(MOST, len(points)) for points in corners]
         round = np.array([one.round for one in solids])
         return cls(half, round, single, tuple(corners), np.where(single, 1, counts))
@@ -140,7 +140,7 @@ class World:
         )
         self._swept = np.array([[one.swept] for one in solids])
         self._flat = np.isinf(self._half[..., 0])
-        self.balls = ~self._half.any(axis=(1, 2))
+        self.balls = np.asarray(~self._half.any(axis=(1, 2)))
 
     def bounds(self, points: np.ndarray) -> np.ndarray:
         """Lower bounds (w, k) of the distances of points (k, 3) from each body (m)."""
