@@ -18,7 +18,7 @@ the smallest of some calls in both processes (processor time), and the mean over
 
 exit codes: 0 done; 2 bad input.
 """
-ROBOTS = ("finger", "helix")
+ROBOTS = ("finger", "helix", "spirob")
 KINDS = {
     "out of reach": "far", "near, none changes the input": "scene", "near, changed": "scene",
 }  # fmt: skip
