@@ -12,8 +12,8 @@ PROGRAMS = (
     "closed_forms", "peer", "field", "identification.second_opinion", "twins",
     "step_time", "hostile", "throughput", "observer_time", "loop_time", "live_time",
     "compare_steps", "scaling",
-    "rests", "poses", "scenes", "obstacle", "estimates.forces", "tables", "pictures",
-    "weights", "wraps",
+    "rests", "poses", "scenes", "barrier_time", "obstacle", "estimates.forces", "tables",
+    "pictures", "weights", "wraps",
 )  # fmt: skip
 
 # a program's name → its module
