@@ -2,17 +2,21 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import softdyn
 from softdyn import InputError, SetPoint
 from softdyn.controllers import best
+from softdyn.description.rig import CommandKind
 from softdyn.estimation import Ekf
 from softdyn.statics import settle
 from softdyn.validation import Log, drive, simulate
 from softdyn.validation.bench.drive import Drive
-from softdyn.validation.bench.fail_safe import RigLimits, StopCause
+from softdyn.validation.bench.fail_safe import FailSafe, RigLimits, StopCause
+from softdyn.validation.bench.plant import RealRig
 from tests.support.benched import NearDriver, benched, tower
 
 PERIOD = 0.005
@@ -254,6 +258,48 @@ def test_a_miss_holds_the_last_command_and_many_stop_the_run(model, rig):
     slow[25] = 6.0
     begin = rig.hands.time
     assert run(model, rig, law).cause is StopCause.MISSED
+
+
+class Slow(NearDriver):
+    """A driver whose readings take nearly two periods, now and then."""
+
+    since, calls = 100.0, 0
+
+    def read(self):
+        self.calls += 1
+        if self.since < self.tower.hands.time and self.calls % 8 == 0:
+            self.tower.hands.pass_(1.8 * PERIOD)
+        return super().read()
+
+
+@pytest.mark.parametrize("since", [100.5, 100.0])
+def test_periods_left_out_while_the_commands_fall_do_not_lose_the_estimate(model, rig, since):
+    class Late(Slow):
+        pass
+
+    Late.since = since
+    found = driven_by(Late(model), model, rig, held(model, (20.0, 15.0)))
+    assert found.cause is StopCause.END, found.reason
+    falling = rig.hands.time - found.log.clock[0] - found.log.duration
+    assert falling == pytest.approx(0.5, abs=2 * PERIOD)
+
+
+def test_a_winch_turns_on_while_periods_are_left_out(model):
+    winch = {"command": CommandKind.VELOCITY, "stiffness": 900.0}
+    motors = tuple(replace(motor, **winch) for motor in model.robot.actuators)
+    wound = softdyn.build(replace(model.robot, actuators=motors))
+    safe = FailSafe(wound, RigLimits(ramp=0.0), PERIOD)
+    state = wound.state(wound.q0, np.zeros(2))
+    sent = []
+    for left_out in (0, 3):
+        driver = NearDriver(wound)
+        driver.send = sent.append
+        plant = RealRig(wound, driver, safe, PERIOD)
+        plant.advance(np.array([9.0, 0.0]), 1, state)
+        plant.leave_out(left_out)
+        plant.advance(np.array([9.0, 0.0]), 1, state)
+    assert sent[1] == pytest.approx(0.0, abs=1e-12)
+    assert sent[3] == pytest.approx(-3 * sent[2])
 
 
 def test_what_cannot_be_driven_is_refused(model, rig):
