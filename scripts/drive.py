@@ -31,9 +31,10 @@ The commands rise over --ramp seconds, and fall as long after the end. The run s
 stop() is called, at Ctrl-C, SIGTERM and SIGHUP; at an exception of controller, observer or driver;
 at a reading older than --stale, outside its <sensor lower upper>, or of a tension beyond the bounds
 of its motors; at a command that is not finite; after --missed deadlines in a row; and when the
-innovations of the estimate over --lost seconds are beyond the 1 - 1e-6 quantile of chi-square. If
-the program itself is killed or blocks for 100 ms, another process kills it and relaxes the rig by a
-second driver; it writes the log up to there.
+innovations of the estimate over --lost seconds are beyond the 1 - 1e-6 quantile of chi-square (not
+while the commands rise or fall). If the program itself is killed, or is late by 50 ms and a whole
+period, another process kills it and relaxes the rig by a second driver; it writes the log up to
+there.
 
 --zero measures the zeros of the rig instead, and writes them to --out: the offset of each winch and
 the bias of each encoder. It winds up one cable after the other until its tension rises, and pays it

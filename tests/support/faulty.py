@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,13 +20,14 @@ from tests.support.benched import ARM, benched
 
 # the driver, the controller and the observer; each fails on request, and notes when
 OWN = """
-import os, time
+import os, sys, time
 import numpy as np
 from softdyn.estimation import Ekf
 from softdyn.examples.served_rig import ServedRig
 
 KIND, AFTER = os.environ["FAULT"], float(os.environ["FAULT_AFTER"])
 NOTES = os.open("notes.txt", os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+FIRST = []  # the time of the first command, in the module that was loaded first
 
 
 def note(*words):
@@ -35,11 +35,9 @@ def note(*words):
 
 
 class Part:
-    begun = None
-
     def due(self, kind):
-        self.begun = self.begun or time.monotonic()
-        if kind != KIND or time.monotonic() < self.begun + AFTER:
+        first = sys.modules["own"].FIRST
+        if kind != KIND or not first or time.monotonic() < first[0] + AFTER:
             return False
         note("fault")
         return True
@@ -55,19 +53,19 @@ class Rig(ServedRig, Part):
         super().start()
 
     def read(self):
-        if self.begun and self.due("blocked read"):
+        if self.due("blocked read"):
             time.sleep(1000)
-        if self.begun and self.due("driver"):
+        if self.due("driver"):
             raise OSError("cable unplugged")
         values, stamps = map(np.array, super().read())
         for k, (kind, value) in enumerate([("limit", 9.0), ("", 0.0), ("tension", 90.0)]):
-            if self.begun and self.due(kind):
+            if self.due(kind):
                 values[k], stamps[k] = value, time.monotonic()
         self.newest = np.fmax(self.newest, stamps)
         return values, stamps
 
     def send(self, commands):
-        self.begun = self.begun or time.monotonic()
+        sys.modules["own"].FIRST.append(time.monotonic())
         note("send")
         super().send(commands)
 
@@ -83,9 +81,6 @@ class Push(Part):
     def reset(self, period):
         self.period = period
 
-    def __deepcopy__(self, memo):
-        raise TypeError
-
     def __call__(self, state, reference):
         if self.due("controller"):
             raise RuntimeError("my own mistake")
@@ -100,9 +95,6 @@ class Push(Part):
 
 
 class Eye(Ekf, Part):
-    def __deepcopy__(self, memo):
-        raise TypeError
-
     def step(self, t, *words, **more):
         if self.due("observer"):
             raise ValueError("dark")
@@ -110,8 +102,12 @@ class Eye(Ekf, Part):
         note("seen", float(t), float(found.nis), int(found.used))
         return found
 """
-SIGNALS = {"SIGINT": 130, "SIGTERM": 1, "SIGHUP": 1}
-READINGS = {"lose": "stale", "repeat": "stale", "delay": "stale", "freeze": "lost estimate"}
+# what stops the run, as the command says it
+SIGNALS = {"SIGINT": "Ctrl-C", "SIGTERM": "SIGTERM", "SIGHUP": "SIGHUP"}
+READINGS = {
+    "lose": "stale reading", "repeat": "stale reading", "delay": "stale reading",
+    "freeze": "lost estimate",
+}  # fmt: skip
 OWN_FAULTS = {
     "controller": "controller", "observer": "observer", "driver": "driver",
     "limit": "reading outside its limits", "tension": "tension beyond its bound",
@@ -123,8 +119,9 @@ KILLS = {
     "freeze loop": "the watchdog: no heartbeat", "kill watchdog": "watchdog: the watchdog",
     "kill rig": "driver", "kill command": "SIGHUP: the process of softdyn drive has ended",
 }  # fmt: skip
-ENDS = ("planned end", "SIGINT while the commands fall")
-KINDS = (*ENDS, *SIGNALS, *READINGS, *OWN_FAULTS, *KILLS)
+END, FALLING = "planned end", "SIGINT while the commands fall"
+CAUSES = {END: "", FALLING: "Ctrl-C", **SIGNALS, **READINGS, **OWN_FAULTS, **KILLS}
+CODES = {FALLING: 130, "SIGINT": 130, "kill command": -9}  # others: 1; the verdict's at the end
 PATIENCE = 120.0  # s, in which every process must have answered
 STALE, LOST, RAMP = 0.1, 0.2, 0.5  # s, the limits of `softdyn drive`
 SURE = 1 - 1e-6
@@ -143,7 +140,8 @@ class Outcome:
     called : float
         Time (s) from the moment at which the fault can be known to the call of the driver's
         `stop`: a reading is stale at `--stale`, an estimate is lost once its innovations are
-        beyond the quantile, a deadline is missed when it passes.
+        beyond the quantile, a deadline is missed when it passes. A killed watchdog or rig is known
+        once its process has ended, some 20 ms after the signal: its pipes are open until then.
     relaxed : float or None
         The same to the relaxed rig; None if the rig itself was killed.
     log : Log
@@ -160,32 +158,30 @@ class Outcome:
     unlogged: float
 
 
-def softdyn(*words: str, before: Sequence[str] = (), **more) -> subprocess.Popen:
+class StoppedBefore(Exception):
+    """Something else has stopped the run before its fault."""
+
+
+def softdyn(*words: str, **more) -> subprocess.Popen:
     """Start a command."""
-    program = [*before, sys.executable, "-m", "softdyn.commands", *words]
+    program = [sys.executable, "-m", "softdyn.commands", *words]
     return subprocess.Popen(program, text=True, stderr=subprocess.PIPE, **more)
 
 
-def fault(
-    folder: Path, kind: str, *options: str, after: float = 0.0, before: Sequence[str] = ()
-) -> Outcome:
-    """Drive the small arm, and let one thing fail `after` seconds after the first command.
-
-    `before` are the first words of each command, e.g. those of another priority.
-    """
+def fault(folder: Path, kind: str, *options: str, after: float = 0.0) -> Outcome:
+    """Drive the small arm, and let one thing fail `after` seconds after the first command."""
     (folder / "arm.urdf").write_text(ARM)
     (folder / "own.py").write_text(OWN)
     port = str(free_port())
     rig = softdyn(
-        "drive", "arm.urdf", "--serve", "--port", port, stdout=subprocess.PIPE, cwd=folder,
-        before=before,
-    )  # fmt: skip
+        "drive", "arm.urdf", "--serve", "--port", port, stdout=subprocess.PIPE, cwd=folder
+    )
     assert re.search(rf":{port}\b", rig.stdout.readline())
-    duration = str(after) if kind in ENDS else "1000"
+    duration = str(after) if kind in (END, FALLING) else "1000"
     loop = softdyn(
         "drive", "arm.urdf", "own.py:Push", "--driver", "own.py:Rig", "--observer", "own.py:Eye",
         "--target", "0.3", "0", "-0.1", "--duration", duration, "--log", "run.npz",
-        "--no-verdict", *options, cwd=folder, stdout=subprocess.DEVNULL, before=before,
+        "--no-verdict", *options, cwd=folder, stdout=subprocess.DEVNULL,
         env=os.environ | {"SERVED_RIG": port, "FAULT": kind, "FAULT_AFTER": str(after)},
     )  # fmt: skip
     try:
@@ -210,23 +206,26 @@ def _end(rig, loop, kind, port, folder, after) -> Outcome:
     witness = served_rig.ServedRig(benched())
     witness.start()
     begun = wait(lambda: loop.poll() is not None or ask(witness)["sent_at"])
-    assert loop.poll() is None, loop.communicate()[1]
     if kind not in OWN_FAULTS:
-        falls = RAMP / 2 if kind == ENDS[1] else 0.0
+        falls = RAMP / 2 if kind == FALLING else 0.0
         time.sleep(max(begun + after + falls - time.monotonic(), 0.0))
+    if loop.poll() is not None and kind not in (END, *OWN_FAULTS):
+        raise StoppedBefore(loop.stderr.read())
     began = time.monotonic()
-    if kind in SIGNALS or kind == ENDS[1]:
+    if kind in SIGNALS or kind == FALLING:
         loop.send_signal(getattr(signal, kind.split()[0]))
     elif kind in READINGS:
         some = {"sensors": ["shoulder", "elbow"]} if kind == "freeze" else {"seconds": 5.0}
         witness.say({"fault": kind, **some})
     elif kind in KILLS:
-        _kill(kind, rig, loop)
+        began = _kill(kind, rig, loop)
     relaxed = None if kind == "kill rig" else wait(lambda: ask(witness)["relaxed_at"])
     _, err = loop.communicate(timeout=PATIENCE)
     wait((folder / "run.npz").exists)  # a killed command does not wait for it
     notes = [_Note.of(line) for line in (folder / "notes.txt").read_text().splitlines()]
     log = Log.load(folder / "run.npz")
+    if kind in OWN_FAULTS and all(note.what != "fault" for note in notes):
+        raise StoppedBefore(err)
     known = _known(kind, began, notes, log)
     called = next(note.at for note in notes if note.what == "stop")
     times = (called - known, None if relaxed is None else relaxed - known)
@@ -247,14 +246,28 @@ class _Note:
         return cls(float(at), what, tuple(map(float, more)))
 
 
-def _kill(kind, rig, loop) -> None:
-    """Kill a process, or let it stand still."""
+def _kill(kind, rig, loop) -> float:
+    """Kill a process, or let it stand still; the time (s) at which others can know."""
     (inner,) = _children(loop.pid)
     victim = {
         "kill rig": lambda: rig.pid, "kill command": lambda: loop.pid,
         "kill watchdog": lambda: next(iter(_children(inner))),
     }.get(kind, lambda: inner)()  # fmt: skip
+    began = time.monotonic()
     os.kill(victim, signal.SIGSTOP if kind == "freeze loop" else signal.SIGKILL)
+    if kind in ("kill rig", "kill watchdog"):
+        while _runs(victim):
+            time.sleep(2e-4)
+            began = time.monotonic()
+    return began
+
+
+def _runs(pid: int) -> bool:
+    """Whether a process has not ended yet."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except OSError:
+        return False
 
 
 def _children(pid: int) -> list[int]:
@@ -265,9 +278,9 @@ def _children(pid: int) -> list[int]:
 def _known(kind: str, began: float, notes: list[_Note], log: Log) -> float:
     """The time (s) at which the loop can know of the fault."""
     stop = next(note for note in notes if note.what == "stop")
-    if kind == ENDS[0]:
+    if kind == END:
         return max(note.at for note in notes if note.what == "send")
-    if READINGS.get(kind) == "stale":
+    if READINGS.get(kind) == "stale reading":
         return stop.more[0] + STALE
     if kind == "freeze":
         seen = [note for note in notes if note.what == "seen" and note.more[0] >= RAMP]

@@ -143,7 +143,7 @@ class Drive:
         The controller's name in the log.
     watchdog : bool
         Whether a process of its own relaxes the rig if this one dies or blocks. It *kills* this
-        process if it gives no sign of life for 100 ms or two periods.
+        process if it is late by 50 ms and a whole period.
     hold : array_like, (nu,), or Callable[[], ndarray], optional
         Commands in the file's units, sent instead of the controller's: constant, or those of each
         period.
@@ -346,6 +346,7 @@ class Drive:
         loop, rig = self.loop.loop, self._rig
         steps, done = round(self.limits.ramp / self.clock.period), 0
         u = loop.u
+        self._safe.falling = True
         rig.leave_out(1)  # the one at the planned end
         while done < steps:
             done += 1 + self._wait(heard, watchdog)
@@ -363,7 +364,7 @@ class Drive:
         if self._log_to is not None:
             self._counted = shared(self._counted)
             self.loop.share(shared)
-        late = max(LATE, 2 * self.clock.period)
+        late = self.clock.period + max(LATE, self.clock.period)
         return Watchdog(self._spare, late, self._save)
 
     def _count(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -22,6 +23,7 @@ from softdyn.validation.loop.arguments import starting_pose
 from softdyn.validation.twin.readings import command_units, component_names, component_units
 
 FIRST_READINGS = 3.0  # s for every sensor's first reading after `start`
+SOONEST = 1e-6  # s between two estimates
 PAUSE = 0.002  # s between two looks for them
 
 
@@ -241,6 +243,7 @@ class SeeingObserver:
     def __init__(self, observer: Observer, rig: RealRig, safe: FailSafe) -> None:
         self.observer, self._rig, self._safe = observer, rig, safe
         self._takes = {"stamps", "sent"} & set(inspect.signature(observer.step).parameters)
+        self._time = -math.inf
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name == "observer":
@@ -254,10 +257,13 @@ class SeeingObserver:
             known = inspect.signature(resets).parameters
             resets(**({"q": self._rig.pose} if "q" in known else {}))
 
+        self._time = -math.inf
+
     def step(self, t: float, measurements: np.ndarray, u: np.ndarray) -> Any:
-        """The observer's estimate at t (s), or later where the last periods are left out."""
-        t = max(t, self._rig.time)
+        """The observer's estimate at t (s), or at the newest reading of a step that is late."""
         read, begin = self._rig.read, self._rig.begin
+        newest = np.nanmax(read.stamps, initial=begin + t) - begin
+        self._time = t = max(newest, self._rig.time, self._time + SOONEST)
         times = {"stamps": read.stamps - begin, "sent": self._rig.sent_at - begin}
         more = {name: times[name] for name in self._takes}
         with blamed(StopCause.OBSERVER, "observer"):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import chdtri
 
 import softdyn
 from softdyn import InputError, SetPoint
@@ -15,7 +16,7 @@ from softdyn.estimation import Ekf
 from softdyn.statics import settle
 from softdyn.validation import Log, drive, simulate
 from softdyn.validation.bench.drive import Drive
-from softdyn.validation.bench.fail_safe import FailSafe, RigLimits, StopCause
+from softdyn.validation.bench.fail_safe import SURE, FailSafe, RigLimits, StopCause
 from softdyn.validation.bench.plant import RealRig
 from tests.support.benched import NearDriver, benched, tower
 
@@ -146,10 +147,10 @@ def test_a_reading_beyond_its_limits_stops_the_run(model, rig):
     assert "shoulder" in found.reason
 
 
-def driven_by(driver, model, rig, controller=None):
+def driven_by(driver, model, rig, controller=None, observer=None):
     """A run of half a second by this driver."""
     return Drive(
-        model, controller or held(model), SetPoint(np.zeros(3)), driver, period=PERIOD,
+        model, controller or held(model), SetPoint(np.zeros(3)), driver, observer, period=PERIOD,
         duration=0.5, watchdog=False, source=rig.hands.source,
     ).run()  # fmt: skip
 
@@ -273,15 +274,37 @@ class Slow(NearDriver):
 
 
 @pytest.mark.parametrize("since", [100.5, 100.0])
-def test_periods_left_out_while_the_commands_fall_do_not_lose_the_estimate(model, rig, since):
+def test_periods_left_out_while_the_commands_fall_do_not_mislead_the_observer(model, rig, since):
     class Late(Slow):
         pass
 
-    Late.since = since
-    found = driven_by(Late(model), model, rig, held(model, (20.0, 15.0)))
+    class Seen(Ekf):
+        def step(self, t, measurements, u, stamps=None, sent=None):
+            found = super().step(t, measurements, u, stamps, sent)
+            if rig.rig.state()["sent_at"]:  # no copy that only warms up
+                seen.append((t, found.nis, found.used))
+            return found
+
+    Late.since, seen = since, []
+    found = driven_by(Late(model), model, rig, held(model, (20.0, 15.0)), observer=Seen(model))
     assert found.cause is StopCause.END, found.reason
     falling = rig.hands.time - found.log.clock[0] - found.log.duration
     assert falling == pytest.approx(0.5, abs=2 * PERIOD)
+    _, nis, used = np.array([row for row in seen if row[0] > 0.5]).T
+    assert nis.sum() < chdtri(used.sum(), SURE)
+
+
+def test_an_estimate_is_not_judged_while_the_commands_fall(model, rig):
+    """Frozen readings of an arm that falls are the worst of estimates."""
+
+    class Freezing(NearDriver):
+        def send(self, commands):
+            if rig.hands.time > 100.5 and commands[0] < 20.0:
+                self.tell({"fault": "freeze", "sensors": ["shoulder", "elbow"]})
+            super().send(commands)
+
+    found = driven_by(Freezing(model), model, rig, held(model, (20.0, 15.0)))
+    assert found.cause is StopCause.END, found.reason
 
 
 def test_a_winch_turns_on_while_periods_are_left_out(model):
