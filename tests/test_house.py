@@ -1,6 +1,7 @@
 """The rules for the repository's structure hold, and .ci/house.py detects violations."""
 
 import sys
+import tomllib
 
 import grimp
 import pytest
@@ -96,3 +97,17 @@ def test_proof_in_the_wheel():
         arrows.add_module(module.name) if module.name not in arrows.modules else None
     found = list(house.proof_in_the_wheel(modules, arrows, {"softdyn": "from .public import X"}))
     assert [line.split(":")[0] for line in found] == ["scripts/run.py", "softdyn/unused.py"]
+
+
+def test_the_plan_of_mutants_names_tests_for_each_source_and_nothing_that_has_gone():
+    plan = tomllib.loads((ROOT / ".ci/mutants.toml").read_text())
+    sources = [
+        str(file.relative_to(ROOT))
+        for folder in plan["sources"]
+        for file in (ROOT / folder).glob("**/*.py")
+        if file.name not in plan["skipped"]
+    ]
+    assert [s for s in sources if not any(s.startswith(name) for name in plan["tests"])] == []
+    assert [n for n in plan["tests"] if not any(s.startswith(n) for s in sources)] == []
+    named = {t for line in plan["tests"].values() for t in line.partition(" -k ")[0].split()}
+    assert [test for test in sorted(named) if not (ROOT / test).exists()] == []
