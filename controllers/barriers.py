@@ -47,11 +47,12 @@ from softdyn.controllers.qps.relaxed_rows import ROOM, RelaxedRows, Rows
 from softdyn.controllers.qps.stopped_step import StoppedStep
 from softdyn.description.robot import sliding
 from softdyn.safety.clearance import CENTIRADIAN, MILLIMETRE, Values
-from softdyn.safety.obstacles import RATE
+from softdyn.safety.obstacles import RATE, BarrierSet
 from softdyn.safety.obstacles import HalfSpace as HalfSpace
 from softdyn.safety.obstacles import KeepOutSphere as KeepOutSphere
 
 LEAP = 10.0  # of these units, a joint's largest motion in a period
+ENOUGH = ROOM + 2 * NEGLIGIBLE  # excess of a row, in units, that counts as none
 
 
 class ControlBarrier(Protocol):
@@ -143,6 +144,7 @@ class BarrierRows:
 
     def __init__(self, model: SoftModel, barriers: Sequence[ControlBarrier], tau: float) -> None:
         self._model, self._barriers, self._tau = model, tuple(barriers), tau
+        self._values = BarrierSet(model, self._barriers)
         self._qp, self._leap = RelaxedRows(model.u_min, model.u_max), LEAP * _joint_units(model)
         self.reset()
 
@@ -152,6 +154,7 @@ class BarrierRows:
         self.outside, self.least, self.braked, self._begun = 0, 0, 0, False
         self._period = period
         self._hold = Horizon(self._model, period) if period else None
+        self._kinds: np.ndarray | None = None
 
     def at(self, state: State, M: np.ndarray, h: np.ndarray) -> Rows:
         """Every barrier's rows where no joint is at a stop; M and h are those over the horizon."""
@@ -160,20 +163,18 @@ class BarrierRows:
 
     def _seen(self, state: State) -> Seen:
         """The values of all barriers; a state without guarantee is counted."""
-        found = [one(state) for one in self._barriers]
-        b, _, drift, unit = (np.concatenate(same) for same in zip(*found, strict=True))
-        rate = np.concatenate([each.gradient @ state.v for each in found])
-        of = np.repeat(np.arange(len(found)), [len(each.b) for each in found])
-        kinds = [
-            (one.rate, getattr(one, "recovery", one.rate),
-             one.kept(self._model, self._period) if hasattr(one, "kept") else 0.0)
-            for one in self._barriers
-        ]  # fmt: skip
-        alpha, beta, kept = np.array(kinds)[of].T
-        limits = [isinstance(one, JointLimits) for one in self._barriers]
-        gradients = [(each.gradient, own) for each, own in zip(found, limits, strict=True)]
-        seen = Seen(alpha, beta, b, rate, drift, unit, gradients)
-        self._count(seen, of)  # of the barriers themselves
+        (b, G, drift, unit), of = self._values(state)
+        if self._kinds is None:
+            self._kinds = np.array([
+                (one.rate, getattr(one, "recovery", one.rate),
+                 one.kept(self._model, self._period) if hasattr(one, "kept") else 0.0,
+                 isinstance(one, JointLimits)) for one in self._barriers
+            ]).T  # fmt: skip
+        alpha, beta, kept, limits = self._kinds[:, of]
+        seen = Seen(alpha, beta, b, G @ state.v, drift, unit, G, limits > 0)
+        if len(b):
+            self._count(seen, of)  # of the barriers themselves
+        self._begun = True
         return seen._replace(b=b - kept)
 
     def _steps(self, state: State, M: np.ndarray, h: np.ndarray) -> list[StoppedStep]:
@@ -197,7 +198,6 @@ class BarrierRows:
         if outside and not self._begun:
             text = f"the run starts outside the safe set ({outside}; both should be >= 0)"
             warnings.warn(text, UnsafeStart, stacklevel=2)
-        self._begun = True
 
     @SILENT
     def enforce(
@@ -216,10 +216,10 @@ class BarrierRows:
         if solution is None or not solution.solved or not len(seen.alpha):
             return solution
         steps, nu, stopped = self._steps(state, M, h), state.B.shape[1], self._hold is not None
+        if all(self._met(seen, step, state, solution.x[:nu]) for step in steps):
+            return solution
         rows_of = partial(_rows, state, seen, leap=self._leap, period=self._period)
         search = ModeSearch(steps, rows_of, stopped=stopped, relax=not stopped)
-        if search.sunk(solution.x[:nu]) <= ROOM + 2 * NEGLIGIBLE:
-            return solution
         best = search.best(self._qp, problem, solution, nu)
         if stopped and best.sunk > 2 * ROOM:
             search = ModeSearch(
@@ -232,6 +232,24 @@ class BarrierRows:
         self.least += best.least
         return best.answer
 
+    def _met(self, seen: Seen, step: StoppedStep, state: State, u: np.ndarray) -> bool:
+        """Whether u meets all rows of a step in the mode that it leads to."""
+        mode = step.free
+        if self._hold is None:
+            qdd = step.unstopped(u)
+        else:
+            qdd, mode = step.motion(u, mode)
+        allowed, unit = seen.allowed(step.tau)
+        second = seen.gradient @ qdd
+        if mode.any() and seen.limits.any():
+            second[seen.limits] = seen.gradient[seen.limits] @ step.unstopped(u)
+        met = bool((second + allowed >= -ENOUGH * unit).all())
+        if met and self._hold is not None and step.tau == self._period:
+            tau, v, leap = step.tau, np.abs(state.v), self._leap
+            moved = tau * np.abs(state.v + tau * qdd)
+            met = bool((moved - np.maximum(leap, tau * v) <= ENOUGH * leap / LEAP).all())
+        return met
+
 
 class Seen(NamedTuple):
     """Values of all barriers at a state, those of one after those of another.
@@ -242,8 +260,10 @@ class Seen(NamedTuple):
         α and β (1/s).
     b, rate, drift, unit : ndarray, (p,)
         b, ḃ, r and the unit, see `Values`.
-    gradients : list of (ndarray, bool)
-        The gradients of each barrier, and whether it is one of limits of joints.
+    gradient : ndarray, (p, n)
+        G.
+    limits : ndarray of bool, (p,)
+        Whether it is a limit of a joint.
     """
 
     alpha: np.ndarray
@@ -252,7 +272,15 @@ class Seen(NamedTuple):
     rate: np.ndarray
     drift: np.ndarray
     unit: np.ndarray
-    gradients: list[tuple[np.ndarray, bool]]
+    gradient: np.ndarray
+    limits: np.ndarray
+
+    def allowed(self, tau: float) -> tuple[np.ndarray, np.ndarray]:
+        """The largest allowed -G q̈ (p,) over a step, and how much of it a unit of b costs (p,)."""
+        alpha, beta = self.alpha, self.beta
+        share, both = 1 / ((1 + alpha * tau) * (1 + beta * tau)), alpha * beta
+        c = share * ((alpha + beta + both * tau) * self.rate + both * self.b)
+        return c + self.drift, share * both * self.unit
 
 
 def _rows(
@@ -271,19 +299,17 @@ def _rows(
     s > 0. Limits of joints keep them from their stops, so their rows are those of free joints. Over
     a period no joint moves by more than `leap` (n,), or faster than it does.
     """
-    tau, inverse = step.tau, step.response(mode)
-    alpha, beta, b, v, drift, unit, gradients = seen
-    share, both = 1 / ((1 + alpha * tau) * (1 + beta * tau)), alpha * beta
-    affordable = share * ((alpha + beta + both * tau) * v + both * b)
-    unit = share * both * unit
+    tau, inverse, (allowed, unit) = step.tau, step.response(mode), seen.allowed(step.tau)
     if braking:
+        alpha, b, v = seen.alpha, seen.b, seen.rate
         late, reach = v + alpha * b > 0, alpha / (tau * (1 + alpha * tau))
-        affordable = np.where(late, v / tau + reach * b, affordable)
-        unit = np.where(late, reach / (share * both) * unit, unit)
-    free = step.response(step.free)
-    response = np.concatenate([G @ (free if limits else inverse) for G, limits in gradients])
-    rows = Rows(-response[:, :-1], affordable + drift - response[:, -1], unit)
-    if leap is None or tau != period or not len(b):
+        allowed = np.where(late, v / tau + reach * b + seen.drift, allowed)
+        unit = np.where(late, reach * seen.unit, unit)
+    response = seen.gradient @ inverse
+    if seen.limits.any():
+        response[seen.limits] = seen.gradient[seen.limits] @ step.response(step.free)
+    rows = Rows(-response[:, :-1], allowed - response[:, -1], unit)
+    if leap is None or tau != period or not len(allowed):
         return rows
     bound = np.maximum(leap, tau * np.abs(state.v))
     way, moved = tau * (state.v - tau * inverse[:, -1]), tau**2 * inverse[:, :-1]

@@ -32,9 +32,9 @@ from softdyn.controllers.gains import check_fields, no_actuator
 from softdyn.controllers.predictive.actuation import Actuation
 from softdyn.controllers.predictive.aim import Aim, ErrorAhead, TipAim, aim_of
 from softdyn.controllers.predictive.buckling import Pull, buckling_input
-from softdyn.controllers.predictive.objective import horizon_weights
+from softdyn.controllers.predictive.objective import HorizonWeights, horizon_weights
 from softdyn.controllers.predictive.plan import ARRIVES, STUCK, PlanFollower
-from softdyn.controllers.predictive.prediction import ahead, condensed_qp
+from softdyn.controllers.predictive.prediction import RIDGE, ahead, condensed_qp
 from softdyn.controllers.predictive.pulls import FrictionPulls
 from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget, RestTargets
 from softdyn.controllers.predictive.state_filter import StateFilter
@@ -50,6 +50,7 @@ DEFAULT_PERIOD = 0.002  # s
 MOVES = 1e-3  # of the tip's most mobile direction: what moves less has no speed of its own
 PATH = 0.1  # s, the horizon on a path that a buckled arm follows, and
 LAGS = 4.0  # of the actuators' lag more
+SHORTER = 5  # halvings of the horizon where the arm is unstable
 
 # M, K_t, D_t, B; the force, and p and q̇ at the point of linearisation
 Linearisation = tuple[
@@ -108,6 +109,11 @@ class Mpc(GuardedController):
     at every knot. A joint at its limit is held by a stiff spring in the prediction; what else the
     model does not explain is estimated as a constant joint force d from the last period's
     prediction error, so that the tip settles without offset.
+
+    An unstable state, such as that of a joint between two stops which its cables pull to either,
+    grows by e^(H/T) over the horizon. Where T is a few milliseconds, the growth leaves no digits of
+    H for anything else: the ridge of `predictive.prediction` exceeds the inputs' own weights.
+    There the horizon is halved until it does not.
 
     With tasks, e are their errors, scaled by the roots of their weights, and J their rows.
 
@@ -203,6 +209,9 @@ class Mpc(GuardedController):
         if self._pull is not None:
             horizon = min(given.horizon, PATH + LAGS * lag)
             self._on_path = self._weigh(horizon, blind=True, rows=rows)
+        self._shorter = [
+            self._weigh(given.horizon / 2**k, rows=rows) for k in range(1, SHORTER + 1)
+        ]
 
     def reset(self, period: float) -> None:
         """Begin a run with a control period (s): forget the input applied, the estimated forces."""
@@ -280,29 +289,39 @@ class Mpc(GuardedController):
             if asked is not None:
                 present = linear, force, first
                 return self._send(asked, np.nan, target, state, present, clamped=True)
-        t = by.ahead + link.delay
+        data = linear, start, (p, speed)
+        for weights in (by, *self._shorter):
+            H, g, c = self._condensed(weights, data, aim, u, target, state)
+            if RIDGE * np.trace(H) <= np.trace(weights.inputs):
+                break
+        knots = len(KNOTS)
+        lower, upper = np.tile(model.u_min - u, knots), np.tile(model.u_max - u, knots)
+        solution = self._qp.solve(QpProblem(H, g, weights.rows, lower, upper))
+        if solution is None or not solution.solved:
+            return self._fall_back(Status.NON_FINITE if solution is None else Status.NOT_SOLVED)
+        x = solution.x
+        V = max(0.0, float(x @ (0.5 * (H @ x) + g)) + c)
+        share = min(1.0, self.period / (KNOTS[0] * weights.step))
+        asked = link.command_for(u + share * x[: model.nu], u)
+        return self._send(asked, V, target, state, (linear, force, first))
+
+    def _condensed(
+        self, by: HorizonWeights,
+        data: tuple[tuple[np.ndarray, ...], np.ndarray, tuple[np.ndarray, np.ndarray]],
+        aim: ErrorAhead, u: np.ndarray, target: RestTarget | None, state: State,
+    ) -> tuple[np.ndarray, np.ndarray, float]:  # fmt: skip
+        """The objective over one horizon, from the linear model, its force and the first state."""
+        t = by.ahead + self.actuation.delay
         error = aim.now - (aim.y + t * aim.ydot + 0.5 * t * t * aim.yddot)
         rows, inputs, offset = aim.rows, by.inputs, by.offset @ u
         if target is not None:
             inputs, offset = inputs + by.hold, offset + by.hold_offset @ (u - target.u)
             if not target.stable:
-                rows = np.vstack((rows, by.form))
+                rows, model = np.vstack((rows, by.form)), self._model
                 bent = by.form @ (model.coordinates(state.q) - model.coordinates(target.q))
                 error = np.hstack((error, np.tile(bent, (len(error), 1))))
         pace = self._pace(by.lookahead.metric, aim.rows, aim.ydot + t * aim.yddot)
-        H, g, c = condensed_qp(
-            linear, start, (p, speed), rows, error, pace, by.lookahead, inputs, offset
-        )
-        knots = len(KNOTS)
-        lower, upper = np.tile(model.u_min - u, knots), np.tile(model.u_max - u, knots)
-        solution = self._qp.solve(QpProblem(H, g, by.rows, lower, upper))
-        if solution is None or not solution.solved:
-            return self._fall_back(Status.NON_FINITE if solution is None else Status.NOT_SOLVED)
-        x = solution.x
-        V = max(0.0, float(x @ (0.5 * (H @ x) + g)) + c)
-        share = min(1.0, self.period / (KNOTS[0] * by.step))
-        asked = link.command_for(u + share * x[: model.nu], u)
-        return self._send(asked, V, target, state, (linear, force, first))
+        return condensed_qp(*data, rows, error, pace, by.lookahead, inputs, offset)
 
     def _send(
         self, asked: np.ndarray, V: float, target: RestTarget | None, state: State,

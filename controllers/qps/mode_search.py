@@ -54,10 +54,6 @@ class ModeSearch:
         self._rows_of, self._stopped = rows_of, stopped
         self._known: dict[tuple[int, bytes], Rows] = {}
 
-    def sunk(self, u: np.ndarray) -> float:
-        """The largest excess of u in units, in the modes that it leads to."""
-        return self._sunk(u, self._modes(u, [step.free for step in self.steps]))
-
     def best(self, qp: RelaxedRows, problem: QpProblem, solution: QpSolution, nu: int) -> Attempt:
         """The attempt of least excess, from `solution` without rows.
 
@@ -127,7 +123,7 @@ class ModeSearch:
     def _modes(self, u: np.ndarray, start: list[np.ndarray]) -> list[np.ndarray]:
         if not self._stopped:
             return start
-        return [step.mode(u, mode) for step, mode in zip(self.steps, start, strict=True)]
+        return [step.motion(u, mode)[1] for step, mode in zip(self.steps, start, strict=True)]
 
     def _rows(self, k: int, mode: np.ndarray) -> Rows:
         key = k, mode.tobytes()

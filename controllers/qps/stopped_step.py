@@ -5,22 +5,19 @@ The stops act by forces λ (n,) that only push back (Stewart and Trinkle 1996):
     M q̈ + h = B u + λ,      low ≤ τ q̇⁺ ≤ high,      q̇⁺ = q̇ + τ q̈,
 
 with λ ≥ 0 where τ q̇⁺ = low, λ ≤ 0 where τ q̇⁺ = high, and λ = 0 elsewhere. If M is positive
-definite, this linear complementarity problem has one solution. q̈ is piecewise linear in u. The
-*mode*, which joints their stops hold, decides which piece it is. Block principal pivoting finds the
-mode (Júdice and Pires 1994).
+definite, this linear complementarity problem has one solution, which `Stops.solve` finds. q̈ is
+piecewise linear in u. The *mode*, which joints their stops hold, decides which piece it is.
 """
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from softdyn import State
-from softdyn.compiled import compiled
-from softdyn.controllers.qps.linear_algebra import lu_solve
-
-PATIENCE = 3  # rounds without progress, before one joint changes at a time
-ROUNDS = 100
-SLIGHT = 1e-9  # rad, m: joints beyond a stop by less are at it
+from softdyn.copies import freeze
+from softdyn.dynamics.stops import Stops
 
 
 class StoppedStep:
@@ -37,95 +34,62 @@ class StoppedStep:
 
     Attributes
     ----------
-    free : ndarray, (n,)
+    free : ndarray of int, (n,)
         The mode in which no stop holds a joint.
-    still : ndarray, (n,)
-        The mode in which stops hold the joints that would pass them at their present velocity.
     """
 
     def __init__(self, state: State, tau: float, M: np.ndarray, h: np.ndarray) -> None:
-        model, n = state.model, len(h)
-        self.tau, self.free = tau, np.zeros(n)
-        self._moved = np.linalg.solve(M, np.column_stack((state.B, h, np.eye(n))))
-        self._pushed = self._moved[:, -n:]
-        if tau:
-            q = model.coordinates(state.q)
-            # a joint that is beyond a stop may stay there
-            ways = np.minimum(model.lower - q, 0.0), np.maximum(model.upper - q, 0.0)
-            self._low, self._high = ((way / tau - state.v) / tau for way in ways)
-            self.still = np.where(self._low >= 0, -1.0, np.where(self._high <= 0, 1.0, 0.0))
+        self.tau, self.free = tau, np.zeros(len(h), int)
+        self._state, self._M, self._h = state, M, h
+        model = state.model
+        self._q = model.coordinates(state.q)
+        # a joint that is beyond a stop may stay there
+        self._stops = Stops(np.minimum(model.lower, self._q), np.maximum(model.upper, self._q))
+        freeze((self._stops.lower, self._stops.upper))  # like those of a model
+
+    @cached_property
+    def still(self) -> np.ndarray:
+        """The mode (n,) of stops that hold the joints that pass them at their present velocity."""
+        low, high = self._ends
+        return np.where(low >= 0, -1, np.where(high <= 0, 1, 0))
+
+    @cached_property
+    def _ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """q̈ (n,) of joints that end the step at their lower, and at their upper stops."""
+        low, high = (
+            ((end - self._q) / self.tau - self._state.v) / self.tau
+            for end in (self._stops.lower, self._stops.upper)
+        )
+        return low, high
+
+    @cached_property
+    def _moved(self) -> np.ndarray:
+        """M⁻¹ (B, h, I), (n, nu + 1 + n)."""
+        eye = np.eye(len(self._h))
+        return np.linalg.solve(self._M, np.column_stack((self._state.B, self._h, eye)))
 
     def response(self, mode: np.ndarray) -> np.ndarray:
         """(X, x), (n, nu + 1), of q̈ = X u - x in a mode."""
-        free, held = self._moved[:, : -len(mode)], np.flatnonzero(mode)
+        free, pushed = self._moved[:, : -len(mode)], self._moved[:, -len(mode) :]
+        held = np.flatnonzero(mode)
         if not held.size:
             return free
+        low, high = self._ends
         missing = free[held]
-        missing[:, -1] += self._stopped(mode, held)
-        return free - self._pushed[:, held] @ np.linalg.solve(
-            self._pushed[np.ix_(held, held)], missing
-        )
+        missing[:, -1] += np.where(mode < 0, low, high)[held]
+        return free - pushed[:, held] @ np.linalg.solve(pushed[np.ix_(held, held)], missing)
 
-    def mode(self, u: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """The mode under u, found from `start`.
+    def unstopped(self, u: np.ndarray) -> np.ndarray:
+        """q̈ (n,) under u without stops."""
+        qdd: np.ndarray = np.linalg.solve(self._M, self._state.B @ u - self._h)
+        return qdd
 
-        It is -1 for joints (n,) that their lower stops hold, 1 for upper stops, else 0.
+    def motion(self, u: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """q̈ (n,) under u and its mode (n,), found from the mode `start`.
+
+        The mode is -1 for joints that their lower stops hold, 1 for upper stops, else 0.
         """
-        mode = start.copy()
-        free = self._moved[:, : len(u)] @ u - self._moved[:, len(u)]
-        _settle(self._pushed, free, self._low, self._high, SLIGHT / self.tau**2, mode)
-        return mode
-
-    def _stopped(self, mode: np.ndarray, held: np.ndarray) -> np.ndarray:
-        """q̈ of the joints `held` in a mode: they end the step at their stops."""
-        return np.where(mode[held] < 0, self._low[held], self._high[held])
-
-
-@compiled
-def _settle(pushed, free, low, high, slight, mode):
-    """Pivot `mode` in place to that under the q̈ of free joints; `pushed` (n, n) maps λ to q̈."""
-    n = len(free)
-    held, better = np.empty(n, np.int64), np.empty(n)
-    fewest, patience = n + 1, PATIENCE
-    for _ in range(ROUNDS):
-        count = 0
-        for i in range(n):
-            if mode[i] != 0:
-                held[count] = i
-                count += 1
-        system, force = np.empty((count, count)), np.empty(count)
-        for k in range(count):
-            i = held[k]
-            force[k] = (low[i] if mode[i] < 0 else high[i]) - free[i]
-            for x in range(count):
-                system[k, x] = pushed[i, held[x]]
-        if not lu_solve(system, force):
-            return
-        wrong, last, k = 0, 0, 0
-        for i in range(n):
-            better[i] = mode[i]
-            if mode[i] != 0:
-                if mode[i] * force[k] > 0:
-                    better[i] = 0.0
-                k += 1
-            else:
-                qdd = free[i]
-                for x in range(count):
-                    qdd += pushed[i, held[x]] * force[x]
-                if qdd < low[i] - slight:
-                    better[i] = -1.0
-                elif qdd > high[i] + slight:
-                    better[i] = 1.0
-            if better[i] != mode[i]:
-                wrong, last = wrong + 1, i
-        if wrong == 0:
-            return
-        if wrong < fewest:
-            fewest, patience = wrong, PATIENCE
-        elif patience > 0:
-            patience -= 1
-        else:
-            mode[last] = better[last]
-            continue
-        for i in range(n):
-            mode[i] = better[i]
+        v, A = self._state.v, self._M / self.tau
+        r = self._h - self._state.B @ u - A @ v
+        speeds, mode = self._stops.solve(A, r, self._q, self.tau, start)
+        return (speeds - v) / self.tau, mode

@@ -23,7 +23,7 @@ import numpy as np
 
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.safety.nearest import Placed, nearest
-from softdyn.safety.solids import Solid
+from softdyn.safety.solids import MOST, Cores, Solid, World
 from softdyn.tasks.link_motion import LinkKinematics, LinkMotion
 
 MILLIMETRE, CENTIRADIAN = 1e-3, 1e-2  # m, rad; the units in which violations are compared
@@ -68,9 +68,9 @@ class Motions(NamedTuple):
     axes: np.ndarray
     speeds: np.ndarray
 
-    def of(self, i: int) -> LinkMotion:
-        """The motion of one body."""
-        return LinkMotion(*(part[i] for part in self.each))
+    def of(self, which: np.ndarray) -> LinkMotion:
+        """The motions of some bodies."""
+        return LinkMotion(*(part[which] for part in self.each))
 
 
 class Bodies:
@@ -93,7 +93,7 @@ class Bodies:
         self._model = model
         self.solids, self._kinematics = tuple(solids), LinkKinematics.of(model)
         self._own = np.array([solid.rotation for solid in solids])
-        self.radii = np.array([solid.radius for solid in solids])
+        self.radii, self.cores = np.array([solid.radius for solid in solids]), Cores.of(solids)
         frames = [(str(solid.link), tuple(solid.centre.tolist())) for solid in solids]
         self._places = None if frames[0][0] == TIP else self._kinematics.places(frames)
         self._last = threading.local()
@@ -123,37 +123,66 @@ class Bodies:
 
 
 class Clearance:
-    """Distances between bodies of links and a body of the world, or between bodies of links.
+    """Distances between bodies of links and bodies of the world, or between bodies of links.
 
     Parameters
     ----------
     bodies : Bodies
         Bodies of links.
-    pairs : ndarray, (p, 2), or Solid
-        Pairs of indices of bodies, or the body of the world.
+    others : sequence of Solid, or ndarray, (p, 2)
+        Bodies of the world, each with every body of a link; or pairs of indices of bodies.
     """
 
-    def __init__(self, bodies: Bodies, pairs: np.ndarray | Solid) -> None:
+    def __init__(self, bodies: Bodies, others: Sequence[Solid] | np.ndarray) -> None:
         self._bodies = bodies
-        self._world = pairs if isinstance(pairs, Solid) else None
-        alone = np.arange(len(bodies.solids))[:, None]
-        self._pairs = alone if isinstance(pairs, Solid) else pairs
+        if isinstance(others, np.ndarray):
+            self._world, (self._one, self._two) = None, others.T
+            self._whose = np.zeros(len(others), int)
+        else:
+            count = len(bodies.solids)
+            self._world = World(others)
+            self._two, self._one = np.divmod(np.arange(len(others) * count), count)
+            self._whose = self._two
 
-    def __call__(self, state: State, reach: float, rate: float) -> Values:
+    def __call__(
+        self, state: State, reach: np.ndarray, rate: np.ndarray
+    ) -> tuple[Values, np.ndarray]:
         """The distances at most `reach` (m), and those that would close within 2 / `rate` (s).
 
         For the latter the row b̈ + 2 α ḃ + α² b ≥ 0 already asks for b̈ > 0.
+
+        Parameters
+        ----------
+        state : State
+            The state.
+        reach, rate : ndarray, (w,)
+            One for each body of the world, or one for all pairs.
+
+        Returns
+        -------
+        Values
+            The distances' values.
+        ndarray of int, (rows,)
+            The body of the world that each is from.
         """
         motions = self._bodies(state)
-        closing = motions.speeds[self._pairs].sum(axis=1)
-        least = self._least(motions.each.position)
-        near = np.flatnonzero(least <= np.maximum(reach, 2 / rate * closing)).tolist()
-        parts = [self._rows(k, motions, state.v) for k in near]
-        if not parts:
-            return Values(np.empty(0), np.empty((0, len(state.v))), np.empty(0), np.empty(0))
-        b, G, drift = (np.concatenate(same) for same in zip(*parts, strict=True))
-        kept = (b <= reach) | (2 / rate * (G @ state.v) < -b)
-        return Values(b[kept], G[kept], drift[kept], np.full(np.count_nonzero(kept), MILLIMETRE))
+        reach, soon, closing = (
+            reach[self._whose],
+            (2 / rate)[self._whose],
+            motions.speeds[self._one],
+        )
+        if self._world is None:
+            closing = closing + motions.speeds[self._two]
+        near = np.flatnonzero(
+            self._least(motions.each.position) <= np.maximum(reach, soon * closing)
+        )
+        if not near.size:
+            none = np.empty(0)
+            return Values(none, np.empty((0, len(state.v))), none, none), np.empty(0, int)
+        b, G, drift, pair = self._rows(near, motions, state.v)
+        kept = (b <= reach[pair]) | (soon[pair] * (G @ state.v) < -b)
+        values = Values(b[kept], G[kept], drift[kept], np.full(np.count_nonzero(kept), MILLIMETRE))
+        return values, self._whose[pair[kept]]
 
     def smallest(self, state: State) -> float:
         """The smallest of all distances (m)."""
@@ -166,61 +195,84 @@ class Clearance:
         return found
 
     def _rows(
-        self, k: int, motions: Motions, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Heights, gradients and drifts of a pair's points."""
-        pair = self._placed(k, motions)
-        d, n = nearest(*pair)
-        solid, rotation, centre = pair[0]
-        points = solid.extremes(rotation.T @ n) @ rotation.T + centre
-        height, moved = points @ n, motions.of(self._pairs[k, 0])
-        G, drift = _along(n, points, moved)
+        self, near: np.ndarray, motions: Motions, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Heights, gradients and drifts of the points of some pairs, and the pair of each."""
+        found, cores = (
+            [nearest(*self._placed(k, motions)) for k in near.tolist()],
+            self._bodies.cores,
+        )
+        d, n = np.array([one.distance for one in found]), np.array([one.normal for one in found])
+        one, two = self._one[near], self._two[near]
+        moved, axes = motions.of(one), motions.axes[one]
+        normals = (n[:, None] @ axes)[:, 0]
+        arms = cores.extremes(one, normals) @ axes.transpose(0, 2, 1)
+        height = (arms @ n[:, :, None])[..., 0]
+        G, drift = _along(n, arms, moved)
         if self._world is None:
-            other = motions.of(self._pairs[k, 1])
-            own, their = _along(n, points, other)
+            other = motions.of(two)
+            from_other = arms + (moved.position - other.position)[:, None]
+            own, their = _along(n, from_other, other)
             G, drift = G - own, drift - their
-            turned = _cross(other.velocity[3:], n)
-            for sign, one in ((2.0, moved), (-2.0, other)):
-                drift = drift + sign * (_along(turned, points, one)[0] @ v)
-        elif len(points) == 1 and not pair[1][0].half.any():
-            across = moved.velocity[:3]
-            across = across - (n @ across) * n
-            drift = drift + across @ across / (d + solid.swept + pair[1][0].swept)
-        return d + height - height.min(), G, drift
+            turned = _cross(other.velocity[:, 3:], n)
+            drift += 2 * (_along(turned, arms, moved)[0] - _along(turned, from_other, other)[0]) @ v
+        else:
+            curved = np.flatnonzero(cores.single[one] & self._world.balls[two])
+            for k in curved.tolist():
+                across = moved.velocity[k, :3] - (n[k] @ moved.velocity[k, :3]) * n[k]
+                radii = self._bodies.solids[one[k]].swept + self._world.solids[two[k]].swept
+                drift[k] += across @ across / (d[k] + radii)
+        counted = np.arange(MOST) < cores.counts[one][:, None]
+        b = (d - height.min(axis=1))[:, None] + height
+        return b[counted], G[counted], drift[counted], near[np.nonzero(counted)[0]]
 
     def _placed(self, k: int, motions: Motions) -> list[Placed]:
         """The bodies of a pair in the world."""
+        which = [self._one[k]] if self._world is not None else [self._one[k], self._two[k]]
         found: list[Placed] = [
-            (self._bodies.solids[i], motions.axes[i], motions.each.position[i])
-            for i in self._pairs[k].tolist()
+            (self._bodies.solids[i], motions.axes[i], motions.each.position[i]) for i in which
         ]
-        world = self._world
-        return found if world is None else [*found, (world, world.rotation, world.centre)]
+        if self._world is None:
+            return found
+        world = self._world.solids[self._two[k]]
+        return [*found, (world, world.rotation, world.centre)]
 
     def _least(self, centres: np.ndarray) -> np.ndarray:
         """Lower bounds of all distances (p,), by the balls around the bodies."""
         radii = self._bodies.radii
         if self._world is not None:
-            return self._world.bounds(centres) - radii
-        one, two = self._pairs.T
-        span = centres[one] - centres[two]
-        return np.sqrt((span**2).sum(axis=1)) - radii[one] - radii[two]
+            least: np.ndarray = (self._world.bounds(centres) - radii).ravel()
+            return least
+        span = centres[self._one] - centres[self._two]
+        return np.sqrt((span**2).sum(axis=1)) - radii[self._one] - radii[self._two]
 
 
-def _along(n: np.ndarray, points: np.ndarray, moved: LinkMotion) -> tuple[np.ndarray, np.ndarray]:
-    """n · J (k, dof) and n · J̇ q̇ (k,) at points (k, 3) of a body, from its centre's motion."""
-    arms, turn = points - moved.position, moved.velocity[3:]
-    both = np.empty((len(arms), 6))
-    both[:, :3], both[:, 3:] = n, _cross(arms, n)
-    return both @ moved.jacobian, both @ moved.drift + (arms @ turn) * (turn @ n) - (
-        turn @ turn
-    ) * (arms @ n)
+def _along(n: np.ndarray, arms: np.ndarray, moved: LinkMotion) -> tuple[np.ndarray, np.ndarray]:
+    """n · J (p, k, dof) and n · J̇ q̇ (p, k) at k points of each of p bodies.
+
+    Parameters
+    ----------
+    n : ndarray, (p, 3)
+        A direction for each body.
+    arms : ndarray, (p, k, 3)
+        The points, from the bodies' centres.
+    moved : LinkMotion
+        The motions of the centres.
+    """
+    turn = moved.velocity[:, 3:]
+    both = np.empty((*arms.shape[:2], 6))
+    both[..., :3], both[..., 3:] = n[:, None], _cross(arms, n[:, None])
+    terms = np.stack((turn, n), axis=2)  # ω (ω · a) - (ω · ω) a along n
+    along = arms @ terms
+    pull = np.stack(((turn * n).sum(axis=1), -(turn**2).sum(axis=1)), axis=1)
+    drift = both @ moved.drift[:, :, None] + along @ pull[:, :, None]
+    return both @ moved.jacobian, drift[..., 0]
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a × b for the last axes; NumPy's own takes ten times as long."""
     product = np.empty(a.shape)
     x, y, z = a[..., 0], a[..., 1], a[..., 2]
-    product[..., 0], product[..., 1] = y * b[2] - z * b[1], z * b[0] - x * b[2]
-    product[..., 2] = x * b[1] - y * b[0]
+    u, v, w = b[..., 0], b[..., 1], b[..., 2]
+    product[..., 0], product[..., 1], product[..., 2] = y * w - z * v, z * u - x * w, x * v - y * u
     return product

@@ -5,8 +5,9 @@ A barrier's value is a distance less a margin. `softdyn.safety.clearance` says w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
+from functools import partial
 from itertools import combinations
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -69,7 +70,7 @@ class Barrier(Frozen):
             For a link that the robot does not have, or a link without a shape.
         """
         clearance, reach = self._on(state.model)
-        found = clearance(state, reach + self.margin, self.rate)
+        found, _ = clearance(state, np.array([reach + self.margin]), np.array([self.rate]))
         return found._replace(b=found.b - self.margin)
 
     def reserve(self, state: State) -> float:
@@ -158,9 +159,9 @@ class Obstacle(Barrier):
 
     def _clearance(self, model: SoftModel) -> Clearance:
         if self.links is not None:
-            return Clearance(_bodies(model, self.links), self.solid)
+            return Clearance(_bodies(model, self.links), [self.solid])
         point = ball(np.array(self.point), 0.0, TIP if self.link is None else self.link)
-        return Clearance(Bodies(model, [point]), self.solid)
+        return Clearance(Bodies(model, [point]), [self.solid])
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,6 +304,75 @@ class LinkPairs(Barrier):
             got = f"two that overlap by {-1e3 * start:.3g} mm"
             raise InputError("pairs", "pairs of links that are apart at q = 0", got)
         return found
+
+
+class BarrierSet:
+    """Barriers of one robot, evaluated together: obstacles of the same links share their work.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    barriers : sequence of Callable[[State], Values]
+        Barriers of this module, or others.
+    """
+
+    def __init__(self, model: SoftModel, barriers: Sequence[Callable[[State], Values]]) -> None:
+        self._model, self._barriers = model, tuple(barriers)
+        self._parts: list[Callable[[State], tuple[Values, np.ndarray]]] = []
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return BarrierSet, (self._model, self._barriers)
+
+    def __call__(self, state: State) -> tuple[Values, np.ndarray]:
+        """The values of all barriers, and the number of the barrier (rows,) that each is from.
+
+        Raises
+        ------
+        InputError
+            For a link that the robot does not have, or a link without a shape.
+        """
+        if not self._parts:
+            self._parts = self._parted()
+        found = [part(state) for part in self._parts]
+        if len(found) == 1:
+            return found[0]
+        parts, whose = zip(*found, strict=True)
+        joined = Values(*(np.concatenate(same) for same in zip(*parts, strict=True)))
+        return joined, np.concatenate(whose)
+
+    def _parted(self) -> list[Callable[[State], tuple[Values, np.ndarray]]]:
+        """A function for the obstacles of the same links, and one for any other barrier."""
+        shared: dict[Any, list[tuple[int, Obstacle]]] = {}
+        parts: list[Callable[[State], tuple[Values, np.ndarray]]] = []
+        for k, one in enumerate(self._barriers):
+            if isinstance(one, Obstacle) and one.links is not None:
+                shared.setdefault(one.links, []).append((k, one))
+            else:
+                parts.append(partial(_alone, one, k))
+        for links, found in shared.items():
+            which, obstacles = zip(*found, strict=True)
+            clearance = Clearance(_bodies(self._model, links), [one.solid for one in obstacles])
+            margin = np.array([one.margin for one in obstacles])
+            reach = np.array([one._on(self._model)[1] for one in obstacles]) + margin
+            rate = np.array([one.rate for one in obstacles])
+            parts.append(partial(_shared, clearance, reach, rate, margin, np.array(which)))
+        return parts
+
+
+def _alone(barrier: Callable[[State], Values], k: int, state: State) -> tuple[Values, np.ndarray]:
+    """The values of barrier k."""
+    values = barrier(state)
+    return values, np.full(len(values.b), k)
+
+
+def _shared(
+    clearance: Clearance, reach: np.ndarray, rate: np.ndarray, margin: np.ndarray,
+    which: np.ndarray, state: State,
+) -> tuple[Values, np.ndarray]:  # fmt: skip
+    """The values of several obstacles, whose numbers are `which` (w,)."""
+    values, of = clearance(state, reach, rate)
+    return values._replace(b=values.b - margin[of]), which[of]
 
 
 def _names(links: Any) -> Any:

@@ -6,12 +6,11 @@ its convex hull, because only convex bodies have distances with one gradient alm
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -22,7 +21,9 @@ from softdyn.description.robot import Robot, moving_link_of
 from softdyn.description.visuals import BoxShape, CylinderShape, Visual, visuals
 from softdyn.exceptions import InputError
 
-MOST = 8  # corners of a mesh that can be nearest within a step
+MOST = 8  # points of a core that can be nearest within a step: corners of a box, or of a mesh
+SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))  # (MOST, 3)
+X = np.array([1.0, 0.0])  # the direction across a cylinder for a normal along it
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,36 +66,88 @@ class Solid:
         """Whether it has no core of simple form."""
         return bool(np.isnan(self.half[0]))
 
-    def extremes(self, normal: np.ndarray) -> np.ndarray:
-        """Points (k, 3) of the core, in its own frame: all that lie deepest against `normal` (3,).
+
+class Cores(NamedTuple):
+    """The cores of k bodies of links.
+
+    Attributes
+    ----------
+    half : ndarray, (k, 3)
+        Their half sizes, see `Solid`.
+    round, single : ndarray, (k,)
+        Whether a core is a cylinder, and whether it is a point.
+    corners : tuple
+        The vertices of each mesh, None for other bodies.
+    counts : ndarray, (k,)
+        How many points of a core can be nearest within a step, at most `MOST`.
+    """
+
+    half: np.ndarray
+    round: np.ndarray
+    single: np.ndarray
+    corners: tuple[np.ndarray | None, ...]
+    counts: np.ndarray
+
+    @classmethod
+    def of(cls, solids: Sequence[Solid]) -> Cores:
+        """The cores of these bodies."""
+        half, corners = np.array([one.half for one in solids]), [one.corners for one in solids]
+        single = np.asarray(~half.any(axis=1))
+        counts = [MOST if points is None else min(MOST, len(points)) for points in corners]
+        round = np.array([one.round for one in solids])
+        return cls(half, round, single, tuple(corners), np.where(single, 1, counts))
+
+    def extremes(self, which: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """Points (p, MOST, 3) of cores, in their own frames, that lie deepest against the normals.
 
         They are the corners of a box or mesh. Of a cylinder they are points of both rims: the
-        deepest, the one opposite, and those between.
+        deepest, the one opposite, and those between. Only the first `counts` of a core count.
+
+        Parameters
+        ----------
+        which : ndarray of int, (p,)
+            The cores.
+        normals : ndarray, (p, 3)
+            A normal for each of them, in its own frame.
         """
-        if self.corners is not None:
-            return self.corners[np.argsort(self.corners @ normal)[:MOST]]
-        if not self.round:
-            return self._box
-        side = math.hypot(normal[0], normal[1])
-        u, v = (normal[:2] / side).tolist() if side > 0 else (1.0, 0.0)
-        r, _, h = self.half.tolist()
-        points = np.empty((8, 3))
-        points[:4, :2] = points[4:, :2] = r * np.array(((u, v), (-u, -v), (v, -u), (-v, u)))
-        points[:4, 2], points[4:, 2] = -h, h
+        half = self.half[which]
+        points = SIGNS * half[:, None]
+        round = np.flatnonzero(self.round[which])
+        if round.size:
+            across, half = normals[round, :2], half[round]
+            side = np.sqrt((across**2).sum(axis=1, keepdims=True))
+            u, v = (half[:, :1] * np.where(side > 0, across / np.where(side > 0, side, 1), X)).T
+            rim = np.stack((u, v, -u, -v, v, -u, -v, u), axis=1).reshape(-1, 4, 2)
+            points[round, :4, :2] = points[round, 4:, :2] = rim
+            points[round, :4, 2], points[round, 4:, 2] = -half[:, 2:], half[:, 2:]
+        for k, core in enumerate(which.tolist()):
+            corners = self.corners[core]
+            if corners is None:
+                continue
+            deepest = corners[np.argsort(corners @ normals[k])[:MOST]]
+            points[k] = deepest[np.minimum(np.arange(MOST), len(deepest) - 1)]
         return points
 
-    @cached_property
-    def _box(self) -> np.ndarray:
-        sides = [(-x, x) if x else (0.0,) for x in self.half.tolist()]
-        return np.array(list(product(*sides)))
+
+class World:
+    """Bodies of the world, for bounds of distances from them."""
+
+    def __init__(self, solids: Sequence[Solid]) -> None:
+        self.solids = tuple(solids)
+        self._rotation = np.array([one.rotation for one in solids])
+        self._centre, self._half = (
+            np.array([getattr(one, name) for one in solids])[:, None] for name in ("centre", "half")
+        )
+        self._swept = np.array([[one.swept] for one in solids])
+        self._flat = np.isinf(self._half[..., 0])
+        self.balls = np.asarray(~self._half.any(axis=(1, 2)))
 
     def bounds(self, points: np.ndarray) -> np.ndarray:
-        """Lower bounds (k,) of the distances of points (k, 3) from a body of the world (m)."""
-        local = (points - self.centre) @ self.rotation
-        if np.isinf(self.half[0]):
-            return local[:, 2]
-        outside = np.maximum(np.abs(local) - self.half, 0.0)
-        return np.sqrt((outside**2).sum(axis=1)) - self.swept
+        """Lower bounds (w, k) of the distances of points (k, 3) from each body (m)."""
+        local = (points - self._centre) @ self._rotation
+        outside = np.maximum(np.abs(local) - self._half, 0.0)
+        far = np.sqrt((outside**2).sum(axis=2)) - self._swept
+        return np.where(self._flat, local[..., 2], far)
 
 
 def ball(centre: np.ndarray, radius: float, link: str | None = None) -> Solid:

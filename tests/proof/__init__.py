@@ -23,5 +23,6 @@ of them.
   of steps, also under hostile numbers, of observers, of closed loops, and with live pages;
 - `compare_steps`, `scaling`: step times compared with another checkout, and by the size of a robot;
 - `scenes`, `obstacle`, `safety`: arms among obstacles, judged by MuJoCo's distances;
+- `barrier_time`: the price of barriers, compared with another checkout;
 - `estimates`: forces that the observer estimates.
 """

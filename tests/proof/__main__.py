@@ -12,7 +12,7 @@ PROGRAMS = (
     "closed_forms", "peer", "field", "identification.second_opinion", "twins",
     "step_time", "hostile", "throughput", "observer_time", "loop_time", "live_time",
     "compare_steps", "scaling", "rig_faults",
-    "poses", "scenes", "obstacle", "estimates.forces", "tables", "pictures",
+    "poses", "scenes", "barrier_time", "obstacle", "estimates.forces", "tables", "pictures",
     "weights", "wraps",
 )  # fmt: skip
 

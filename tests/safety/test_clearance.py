@@ -18,8 +18,8 @@ from softdyn import InputError, SoftModel, State
 from softdyn.controllers.barriers import HalfSpace, KeepOutSphere
 from softdyn.description.inertia import rotation_rpy
 from softdyn.safety.nearest import nearest
-from softdyn.safety.obstacles import Barrier, KeepOutBox, LinkPairs
-from softdyn.safety.solids import Solid, ball, box, half_space
+from softdyn.safety.obstacles import Barrier, BarrierSet, KeepOutBox, LinkPairs
+from softdyn.safety.solids import Cores, Solid, ball, box, half_space
 from softdyn.validation import StateMap, Twin
 from tests.support.control_cases import robot
 
@@ -196,6 +196,33 @@ def test_only_near_bodies_have_rows_and_a_margin_is_taken_off() -> None:
     assert kept(state).b.min() == pytest.approx(near.b.min() - 0.004)
     fast = model.state(model.q0, np.where(np.char.startswith(model.joint_names, "slide"), 3.0, 0.0))
     assert len(wall(fast).b) >= len(near.b)
+
+
+@pytest.mark.parametrize("name", ["helix", "meshed"])
+def test_barriers_together_have_the_values_of_each(name: str, meshed: SoftModel) -> None:
+    model, rng = (meshed if name == "meshed" else robot(name)), np.random.default_rng(6)
+    for _ in range(3):
+        q = 0.3 * rng.uniform(np.maximum(model.lower, -1), np.minimum(model.upper, 1))
+        state = model.state(model.configuration(q), 0.3 * rng.normal(size=model.nv))
+        wall, one, crate = around(model, rng, state.y)
+        near = KeepOutBox(crate.centre, crate.size, links="all", margin=0.003, rate=4.0)
+        barriers = [wall, KeepOutSphere(one.centre, one.radius), one, near]
+        values, whose = BarrierSet(model, barriers)(state)
+        for k, alone in enumerate(barriers):
+            for together, own in zip(values, alone(state), strict=True):
+                size = 1.0 + np.abs(own).max(initial=0.0)
+                np.testing.assert_allclose(together[whose == k], own, rtol=0, atol=1e-12 * size)
+
+
+def test_a_mesh_has_as_many_points_as_corners_and_at_most_eight() -> None:
+    rng = np.random.default_rng(7)
+    for count in (4, 20):
+        corners = rng.normal(size=(count, 3))
+        solid = Solid(None, np.eye(3), np.zeros(3), np.full(3, np.nan), corners=corners)
+        cores, normal = Cores.of([SHAPES["box"], solid]), rng.normal(size=(1, 3))
+        found = cores.extremes(np.array([1]), normal)[0][: cores.counts[1]]
+        deepest = np.sort(corners @ normal[0])[:8]
+        np.testing.assert_array_equal(np.sort(found @ normal[0]), deepest)
 
 
 def test_pairs_of_links_leave_neighbours_out() -> None:

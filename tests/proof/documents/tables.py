@@ -33,7 +33,7 @@ from softdyn.validation.studies.engine.distribution import (
 )  # fmt: skip
 from softdyn.validation.studies.sweep_report import REST
 from softdyn.validation.tables import Table
-from tests.proof import loop_time, poses, weights
+from tests.proof import barrier_time, loop_time, poses, weights
 from tests.proof.documents.reports import reports_table
 from tests.proof.documents.settings import MEASURED, changes_table, gains_table
 from tests.proof.estimates import forces
@@ -394,6 +394,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "statics": _statics,
     "forces": lambda: Table.of(forces.COLUMNS, _rows("forces")).markdown(),
     "scenes": lambda: Table.of(scenes.COLUMNS, _rows("scenes")).markdown(),
+    "barriers": lambda: Table.of(barrier_time.COLUMNS, _rows("barriers")).markdown(),
     "loop-time": _loop_time,
     "weights": lambda: Table.of(weights.COLUMNS, _rows("weights")).markdown(),
     "reports-right": lambda: reports_table(public_reports.RIGHT),

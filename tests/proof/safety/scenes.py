@@ -11,6 +11,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from tqdm.auto import tqdm
 
 from softdyn import Reference, SoftModel, State, statics
 from softdyn.controllers import Gains, SoftIdClfQp
@@ -177,8 +178,39 @@ def run(model: SoftModel, gains: Gains | None, scene: Scene) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def runs(
+    model: SoftModel, count: int, seeds: Sequence[int], earlier: Sequence[dict[str, Any]] = ()
+) -> Iterator[list[dict[str, Any]]]:
+    """All runs so far of a robot's scenes, again after each run.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    count : int
+        Number of scenes of each seed.
+    seeds : sequence of int
+        Seeds of scenes.
+    earlier : sequence of dict
+        Runs that are not run again.
+    """
+    gains, found = None if model.bundled else Gains(Kp=100.0, eps=0.1), list(earlier)
+    if found:
+        yield found
+    known = {(one.get("seed"), one.get("scene")) for one in found}
+    for seed in seeds:
+        if all((seed, k) in known for k in range(count)):
+            continue
+        made = tqdm(scenes(model, gains, count, seed), total=count, desc=model.name, disable=None)
+        for k, scene in enumerate(made):
+            if (seed, k) not in known:
+                found = [*found, {"seed": seed, "scene": k} | run(model, gains, scene)]
+                yield found
+
+
 COLUMNS = (
     ("robot", "robot", ""),
+    ("seeds", "seeds", ""),
     ("scenes", "scenes", "d"),
     ("in the way by, median (mm)", "free_mm", ".0f"),
     ("runs without relaxed rows", "whole", "d"),
@@ -190,8 +222,6 @@ COLUMNS = (
     ("lost", "lost", "d"),
     ("error, median (cm)", "error_cm", ".2f"),
     ("free", "free_error_cm", ".2f"),
-    ("step, median (µs)", "step_us", ".0f"),
-    ("free", "free_step_us", ".0f"),
 )
 
 
@@ -204,7 +234,8 @@ def summary(robot: str, runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
         for key in ("error_cm", "free_error_cm", "step_us", "free_step_us")
     }
     return {
-        "robot": robot, "scenes": len(runs), "whole": len(whole), "relaxed": len(relaxed),
+        "robot": robot, "seeds": ", ".join(dict.fromkeys(str(run["seed"]) for run in runs)),
+        "scenes": len(runs), "whole": len(whole), "relaxed": len(relaxed),
         "free_mm": float(np.median([-run["free_mm"] for run in runs])),
         "deeper": sum(depth > 1e3 * DEEP for depth in whole),
         "deepest_mm": max(whole, default=None), "relaxed_mm": max(relaxed, default=None),
