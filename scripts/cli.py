@@ -15,6 +15,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -237,18 +238,28 @@ def best_note(model: SoftModel, name: str, gains: str | None) -> str:
     return f"best is mpc here: {model.name} has no tuned schedule"
 
 
-def program(parser: Parser, command: Command, module: str) -> Callable[..., int]:
+def program(
+    parser: Parser,
+    command: Command,
+    module: str,
+    can_be_killed: Callable[[Arguments], bool] = lambda _: False,
+) -> Callable[..., int]:
     """The ``main(argv=None)`` of a command: it reads the arguments and returns the exit code.
 
     The last line of every command is ``main = cli.program(parser, command, __name__)``. If the
-    module is run as a program, the command runs at once, and Python ends with the exit code.
+    module is run as a program, the command runs at once, and Python ends with the exit code. A
+    command that can be killed works in a child process, so that it has an exit code then, too.
     """
 
     def main(argv: list[str] | None = None) -> int:
         prepare_streams()
         arguments = parser.parse_args(argv)
         one_thread()
-        return run(command, arguments, parser)
+        if not can_be_killed(arguments):
+            return run(command, arguments, parser)
+        from softdyn.validation.bench.supervisor import supervised
+
+        return supervised(partial(run, command, arguments, parser), FAILED)
 
     if module == "__main__":
         sys.exit(main())

@@ -31,9 +31,10 @@ The commands rise over --ramp seconds, and fall as long after the end. The run s
 stop() is called, at Ctrl-C, SIGTERM and SIGHUP; at an exception of controller, observer or driver;
 at a reading older than --stale, outside its <sensor lower upper>, or of a tension beyond the bounds
 of its motors; at a command that is not finite; after --missed deadlines in a row; and when the
-innovations of the estimate over --lost seconds are beyond the 1 - 1e-6 quantile of chi-square. If
-the program itself is killed or blocks for 100 ms, another process kills it and relaxes the rig by a
-second driver; it writes the log up to there.
+innovations of the estimate over --lost seconds are beyond the 1 - 1e-6 quantile of chi-square (not
+while the commands rise or fall). If the program itself is killed, or is late by 50 ms and a whole
+period, another process kills it and relaxes the rig by a second driver; it writes the log up to
+there.
 
 --zero measures the zeros of the rig instead, and writes them to --out: the offset of each winch and
 the bias of each encoder. It winds up one cable after the other until its tension rises, and pays it
@@ -44,8 +45,7 @@ that jams, or with a zero that scatters stops it, and no file is written.
 docs/examples/served_rig.py:ServedRig. Its docstring shows how to let readings fail.
 
 exit codes: 0 reached (--no-verdict: not failed; --hold and --serve: done); 1 not reached, or
-stopped for any other cause than Ctrl-C; 2 bad input; 130 Ctrl-C. Where the watchdog has to kill the
-program, its code is that of a killed one.
+stopped for any other cause than Ctrl-C, also by the watchdog; 2 bad input; 130 Ctrl-C.
 """
 PORT = 7600
 
@@ -142,7 +142,10 @@ def run(drive: Drive, arguments: cli.Arguments) -> tuple[DriveResult, list[str]]
     from softdyn import InputError
     from softdyn.validation.bench.fail_safe import StopCause
 
-    driven = view(drive, arguments) if arguments.view else drive.run(progress=True)
+    driven = (
+        view(drive, arguments) if arguments.view
+        else drive.run(progress=True, on_step=lambda _: check_above())
+    )  # fmt: skip
     if driven.error is not None:
         say_trace(driven.error)
     if driven.cause is not StopCause.END:
@@ -276,6 +279,7 @@ def view(drive: Drive, arguments: cli.Arguments) -> DriveResult:
         channel.wait(watching.WAIT)
 
         def show(step: Any) -> None:
+            check_above()
             if loop.steps % every == 0:
                 clock, spent = drive.clock, loop.loop.nanoseconds / 1e3
                 timing = {"misses": clock.missed, "wake_us": 1e6 * clock.late, "step_us": spent}
@@ -285,6 +289,15 @@ def view(drive: Drive, arguments: cli.Arguments) -> DriveResult:
         channel.state({"notice": driven.reason or "done", "paused": True})
         channel.leave(driven.log.show(loop.model).html())
     return driven
+
+
+def check_above() -> None:
+    """Stop if the process above this one, which the user has started, was killed."""
+    from softdyn.validation.bench.fail_safe import Stop, StopCause
+    from softdyn.validation.bench.supervisor import orphaned
+
+    if orphaned():
+        raise Stop(StopCause.HUNG_UP, "the process of softdyn drive has ended")
 
 
 def serve(model: SoftModel, arguments: cli.Arguments) -> int:
@@ -315,4 +328,4 @@ def say_trace(error: BaseException) -> None:
         traceback.print_exception(type(error), error, own)
 
 
-main = cli.program(parser, command, __name__)
+main = cli.program(parser, command, __name__, can_be_killed=lambda a: not a.serve)

@@ -243,7 +243,7 @@ class Ekf(Separate):
         stamps : array_like, (k,), optional
             The times (s) at which the readings were measured, which count instead of the file's
             rates and latencies. Each reading may be given once. Sensors of one rate and latency
-            share the mean of their stamps.
+            share the mean of their stamps. It may be later than t by 20 ms.
         sent : float, optional
             The time (s) at which `u` was sent, if that was later than the last step. The commands
             before it act until then.
@@ -404,8 +404,10 @@ class Ekf(Separate):
         times = self._stamps[channel.where][np.isfinite(given)]
         if good == 0 or not np.isfinite(times).all():
             return None
-        own = min(float(times.mean()), t)
+        own = min(float(times.mean()), t + LONGEST_AGE)
         before, after = late.around(channel, own)
+        if own > t:  # the step began late; the prediction of now is nearer than all that wait
+            before = None
         if before is None and (t if after is None else after.time) - own > LONGEST_AGE:
             self._count("unmatched", good)
             return None

@@ -7,6 +7,7 @@ of them.
 - `robots`, `crosschecks`: all of example-robot-data, or random robots, cross-checked;
 - `pairs`, `mjcf`: public URDFs and MJCFs of the same robots, compared;
 - `wraps`: cables around cylinders and spheres, against MuJoCo and by differences;
+- `rig_faults`: runs on a served rig that fail at random times;
 - `planted`: `compare` against defects planted in random robots;
 - `pictures`, `film`: the documents' pictures and clips;
 - `tables`, `documents`: the documents' tables;

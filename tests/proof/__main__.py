@@ -11,7 +11,7 @@ PROGRAMS = (
     "fuzz", "robots", "pairs", "planted", "textbook", "reproduce", "certify",
     "closed_forms", "peer", "field", "identification.second_opinion", "twins",
     "step_time", "hostile", "throughput", "observer_time", "loop_time", "live_time",
-    "compare_steps", "scaling",
+    "compare_steps", "scaling", "rig_faults",
     "rests", "poses", "scenes", "barrier_time", "obstacle", "estimates.forces", "tables",
     "pictures", "weights", "wraps",
 )  # fmt: skip

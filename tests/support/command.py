@@ -16,6 +16,7 @@ from unittest.mock import patch
 
 from softdyn.commands import __main__ as softdyn
 from softdyn.commands import cli
+from softdyn.validation.bench import supervisor
 from tests.proof import __main__ as programs
 
 
@@ -32,6 +33,7 @@ def left_as_it_was() -> Iterator[None]:
     """Restore the settings that a command changes for the rest of its process."""
     with (
         patch.object(cli, "one_thread"),
+        patch.object(supervisor, "supervised", lambda work, killed: work()),
         patch.object(warnings, "formatwarning", warnings.formatwarning),
     ):
         hears = signal.getsignal(signal.SIGINT)

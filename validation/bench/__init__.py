@@ -5,6 +5,7 @@
 - `fail_safe`: the causes for which a run stops, and the checks that find them
 - `plant`: a driver as the plant of a loop
 - `watchdog`: a process that relaxes the rig if the loop's process dies or blocks
+- `supervisor`: a process that has an exit code if the loop's process is killed
 - `drive`: one run on a rig
 - `pulled_cable`: the curve of tension of one cable, and the zeros that fit it
 - `zeroing`: the offsets of winches and the biases of encoders, by pulling each cable

@@ -143,7 +143,7 @@ class Drive:
         The controller's name in the log.
     watchdog : bool
         Whether a process of its own relaxes the rig if this one dies or blocks. It *kills* this
-        process if it gives no sign of life for 100 ms or two periods.
+        process if it is late by 50 ms and a whole period.
     hold : array_like, (nu,), or Callable[[], ndarray], optional
         Commands in the file's units, sent instead of the controller's: constant, or those of each
         period.
@@ -196,11 +196,11 @@ class Drive:
             hold = array("hold", hold, (model.nu,))
         self._rig = RealRig(model, driver, safe, period, controller, hold, source)
         inner = Ekf(model) if observer is None else observer
-        rest = rest_pose(model)
-        seeing = SeeingObserver(inner, self._rig, safe, rest)
+        seeing = SeeingObserver(inner, self._rig, safe)
         self._spare = another(driver, model) if watchdog else None
         options = RunOptions(
-            duration=duration, period=period, plant=self._rig, observer=seeing, name=name, q0=rest
+            duration=duration, period=period, plant=self._rig, observer=seeing, name=name,
+            q0=rest_pose(model),
         )  # fmt: skip
         if hasattr(controller, "prepare") and reference is not nowhere:
             aim = reference.reference if isinstance(reference, Experiment) else reference
@@ -294,19 +294,13 @@ class Drive:
         on_step: Callable[[ControlStep], None] | None,
     ) -> None:
         """All control periods."""
-        loop, rig, clock, safe = self.loop, self._rig, self.clock, self._safe
+        loop, rig, clock = self.loop, self._rig, self.clock
         collect = self._now() + COLLECT
         heard.running = True
         clock.start()
         rig.begin = clock.begin
         while True:
-            before = clock.missed
-            left_out = clock.wait()
-            self._alive(heard, watchdog)
-            safe.deadlines(clock.in_a_row)
-            rig.late, rig.missed = clock.late, clock.missed - before - left_out
-            rig.leave_out(left_out)
-            for _ in range(left_out):
+            for _ in range(self._wait(heard, watchdog)):
                 loop.hold(clock=np.nan, missed=1.0)
             step = loop.control()
             if step is None:
@@ -320,6 +314,17 @@ class Drive:
                 collect = self._now() + COLLECT
         if loop.steps < loop.grid.steps:
             raise Stop(self._why(), loop.reason or "")
+
+    def _wait(self, heard: _Heard, watchdog: Watchdog | None) -> int:
+        """Wait for the next period; the number of those that are left out before it."""
+        clock, rig = self.clock, self._rig
+        before = clock.missed
+        left_out = clock.wait()
+        self._alive(heard, watchdog)
+        self._safe.deadlines(clock.in_a_row)
+        rig.late, rig.missed = clock.late, clock.missed - before - left_out
+        rig.leave_out(left_out)
+        return left_out
 
     def _why(self) -> StopCause:
         """The cause of an end that the loop itself has decided."""
@@ -338,17 +343,16 @@ class Drive:
 
     def _relax(self, heard: _Heard, watchdog: Watchdog | None) -> None:
         """Let the commands fall, for `RigLimits.ramp` seconds after the planned end."""
-        loop, rig, clock = self.loop.loop, self._rig, self.clock
-        steps = round(self.limits.ramp / clock.period)
+        loop, rig = self.loop.loop, self._rig
+        steps, done = round(self.limits.ramp / self.clock.period), 0
         u = loop.u
-        for k in range(steps):
-            clock.wait()
-            self._alive(heard, watchdog)
-            self._safe.deadlines(clock.in_a_row)
-            rig.leave_out(1)
-            loop.read(self.loop.grid.duration + (k + 1) * clock.period)
+        self._safe.falling = True
+        rig.leave_out(1)  # the one at the planned end
+        while done < steps:
+            done += 1 + self._wait(heard, watchdog)
+            loop.read(rig.time)
             assert loop.seen is not None
-            rig.send(u, 1.0 - (k + 1) / steps, loop.seen)
+            rig.send(u, max(1.0 - done / steps, 0.0), loop.seen)
 
     # -- what another process sees -------------------------------------------------------------
 
@@ -360,7 +364,7 @@ class Drive:
         if self._log_to is not None:
             self._counted = shared(self._counted)
             self.loop.share(shared)
-        late = max(LATE, 2 * self.clock.period)
+        late = self.clock.period + max(LATE, self.clock.period)
         return Watchdog(self._spare, late, self._save)
 
     def _count(self) -> None:

@@ -73,7 +73,9 @@ class RigLimits:
         Number of missed deadlines in a row at which the run stops.
     lost : float
         The estimate is lost if its innovations over this time (s) are beyond the 1 - 1e-6 quantile
-        of χ². This is judged after `ramp`, because an observer may begin far from the robot's pose.
+        of χ². This is judged from `ramp` to the planned end. An observer may begin far from the
+        robot's pose. While the commands fall no controller acts on the estimate, and an arm that
+        falls onto its stops moves in another way than the readings before have taught an `Ekf`.
     ramp : float
         Time (s) in which the commands rise at the beginning and fall at the end.
 
@@ -111,10 +113,15 @@ class FailSafe:
     ------
     InputError
         A sensor whose readings are always older than `RigLimits.stale`.
+
+    Attributes
+    ----------
+    falling : bool
+        Whether the commands fall after the planned end, so that no estimate is judged.
     """
 
     def __init__(self, model: SoftModel, limits: RigLimits, period: float) -> None:
-        self.limits, sensors = limits, model.robot.sensors
+        self.limits, self.falling, sensors = limits, False, model.robot.sensors
         self.names = component_names(sensors)
         for sensor in sensors:
             oldest = sensor.latency + (1 / sensor.rate if sensor.rate > 0 else 0.0)
@@ -167,7 +174,7 @@ class FailSafe:
     def estimate(self, estimate: Any, t: float) -> None:
         """At t (s), stop if the innovations of the last `RigLimits.lost` seconds are too large."""
         nis, used = getattr(estimate, "nis", None), getattr(estimate, "used", 0)
-        if nis is None or t < self.limits.ramp:
+        if nis is None or t < self.limits.ramp or self.falling:
             return
         self._innovations.append((float(nis), int(used)))
         if len(self._innovations) < (self._innovations.maxlen or 0):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -18,9 +19,11 @@ from softdyn.validation.bench.clock import MONOTONIC, TimeSource
 from softdyn.validation.bench.driver import Driver, NewestReadings
 from softdyn.validation.bench.fail_safe import FailSafe, Stop, StopCause
 from softdyn.validation.channels import LogChannel, inputs, positions, rates
+from softdyn.validation.loop.arguments import starting_pose
 from softdyn.validation.twin.readings import command_units, component_names, component_units
 
 FIRST_READINGS = 3.0  # s for every sensor's first reading after `start`
+SOONEST = 1e-6  # s between two estimates
 PAUSE = 0.002  # s between two looks for them
 
 
@@ -36,12 +39,13 @@ def blamed(cause: StopCause, what: str) -> Iterator[None]:
         raise Stop(cause, reason) from error
 
 
-def rest_pose(model: SoftModel) -> np.ndarray | None:
-    """The configuration (nq,) in which a relaxed arm rests; None without an equilibrium."""
+def rest_pose(model: SoftModel) -> np.ndarray:
+    """The configuration (nq,) in which a relaxed arm rests; the default one of a run if in none."""
     try:
-        return rest(model).q
+        found = rest(model).q
     except StaticsError:
-        return None
+        found = None
+    return starting_pose(model, found)[0]
 
 
 class RealRig:
@@ -75,6 +79,8 @@ class RealRig:
         The last commands.
     sent_at : float
         When they were sent (s).
+    pose : ndarray, (nq,)
+        The configuration at which the run begins.
     relaxed : ndarray, (nu,)
         The input nearest to zero within its bounds.
     begin : float
@@ -123,6 +129,7 @@ class RealRig:
         self, q: np.ndarray, v: np.ndarray, t: float = 0.0, u: np.ndarray | None = None
     ) -> None:
         """Take the motors as relaxed at the pose q (nq,); the driver is not touched."""
+        self.pose = q
         self._free = self._winches.commands(self._model.state(q, v), self.relaxed)
         self._first = self.sent = np.where(self._speeds, 0.0, self._free)
         self.acting, self._steps = self.relaxed, 0
@@ -167,7 +174,7 @@ class RealRig:
         self._safe.readings(self.read, now)
         return {
             "acting": self.acting, "measured": self.read.values.copy(),
-            "clock": self.begin + self._period * self._steps + self.late,
+            "clock": self.begin + self.time + self.late,
             "stamps": self.read.stamps - self.begin, "missed": self.missed,
         }  # fmt: skip
 
@@ -175,22 +182,32 @@ class RealRig:
         """The state itself."""
         return state
 
+    @property
+    def time(self) -> float:
+        """The beginning of the present period (s), from that of the first one."""
+        return self._steps * self._period
+
     def leave_out(self, periods: int) -> None:
-        """Periods pass without a control step."""
+        """Periods pass without a control step; the last commands act on."""
         self._steps += periods
+        self._wind(periods)
+
+    def _wind(self, periods: int) -> None:
+        """Winches turn at their commanded speeds."""
+        moved = self._free + np.where(self._speeds, self.sent * self._period * periods, 0.0)
+        self._free = np.clip(moved, self._winches.lower, self._winches.upper)
 
     def advance(self, u: np.ndarray, steps: int, seen: State) -> dict[str, np.ndarray]:
         """Send the commands for the input u (nu,), computed at the state `seen`."""
         ramp = self._safe.limits.ramp
-        share = min(self._steps * self._period / ramp, 1.0) if ramp > 0 else 1.0
+        share = min(self.time / ramp, 1.0) if ramp > 0 else 1.0
         self.send(u, share, seen)
         if share < 1.0 and self._told is not None:
             self._told(self.acting)
-        self._steps += 1
         return {"command": self.sent}
 
     def send(self, u: np.ndarray, share: float, seen: State) -> None:
-        """Send the commands for a share of the way from the relaxed input to u (nu,)."""
+        """Send the commands of a period: a share of the way from the relaxed input to u (nu,)."""
         if self._hold is not None:
             held = self._hold() if callable(self._hold) else self._hold
             asked = self._first + share * (held - self._first)
@@ -200,9 +217,9 @@ class RealRig:
             lengths = self._winches.commands(seen, self.acting)
             asked = np.where(self._speeds, (lengths - self._free) / self._period, lengths)
         self._safe.commands(asked)
-        moved = self._free + np.where(self._speeds, asked * self._period, 0.0)
-        self._free = np.clip(moved, self._winches.lower, self._winches.upper)
         self.sent = asked
+        self._wind(1)
+        self._steps += 1
         self.sent_at = self._source.now()
         with blamed(StopCause.DRIVER, "send()"):
             self._driver.send(asked.copy())
@@ -221,19 +238,12 @@ class SeeingObserver:
         The rig.
     safe : FailSafe
         It stops the run.
-    rest : ndarray, (nq,), optional
-        The configuration in which the arm rests before the run. The estimate begins there, if the
-        observer's `reset` takes a ``q``.
     """
 
-    def __init__(
-        self, observer: Observer, rig: RealRig, safe: FailSafe, rest: np.ndarray | None = None
-    ) -> None:
+    def __init__(self, observer: Observer, rig: RealRig, safe: FailSafe) -> None:
         self.observer, self._rig, self._safe = observer, rig, safe
         self._takes = {"stamps", "sent"} & set(inspect.signature(observer.step).parameters)
-        resets = getattr(observer, "reset", lambda: None)
-        known = inspect.signature(resets).parameters
-        self._rest = {} if rest is None or "q" not in known else {"q": rest}
+        self._time = -math.inf
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name == "observer":
@@ -241,13 +251,19 @@ class SeeingObserver:
         return getattr(self.observer, name)
 
     def reset(self) -> None:
-        """Begin a run."""
-        if hasattr(self.observer, "reset"):
-            self.observer.reset(**self._rest)
+        """Begin a run, where the rig begins if the observer's `reset` takes a ``q``."""
+        resets = getattr(self.observer, "reset", None)
+        if resets is not None:
+            known = inspect.signature(resets).parameters
+            resets(**({"q": self._rig.pose} if "q" in known else {}))
+
+        self._time = -math.inf
 
     def step(self, t: float, measurements: np.ndarray, u: np.ndarray) -> Any:
-        """The observer's estimate at t (s)."""
+        """The observer's estimate at t (s), or at the newest reading of a step that is late."""
         read, begin = self._rig.read, self._rig.begin
+        newest = np.nanmax(read.stamps, initial=begin + t) - begin
+        self._time = t = max(newest, self._rig.time, self._time + SOONEST)
         times = {"stamps": read.stamps - begin, "sent": self._rig.sent_at - begin}
         more = {name: times[name] for name in self._takes}
         with blamed(StopCause.OBSERVER, "observer"):

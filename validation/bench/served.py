@@ -36,7 +36,6 @@ from softdyn.checks import did_you_mean, number, vector
 from softdyn.description.rig import CommandKind
 from softdyn.exceptions import one_line
 from softdyn.validation.bench.plant import rest_pose
-from softdyn.validation.loop.arguments import starting_pose
 from softdyn.validation.twin.rig import Rig, RiggedPlant
 from softdyn.view.loopback import listener
 
@@ -158,8 +157,7 @@ class ServedRig:
     ) -> None:
         self._model, self._clock = model, clock
         self._plant = RiggedPlant(Rig(seed=seed), model, TICK)
-        q, _ = starting_pose(model, rest_pose(model))
-        self._plant.start(q, np.zeros(model.nv))
+        self._plant.start(rest_pose(model), np.zeros(model.nv))
         self._relaxed = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
         self._commands: np.ndarray | None = None
         self._relaxed_at: float | None = None

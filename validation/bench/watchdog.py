@@ -15,7 +15,7 @@ import numpy as np
 
 from softdyn.validation.bench.driver import Driver
 
-LATE = 0.1  # s after the last heartbeat
+LATE = 0.05  # s that a heartbeat may be late; the end of a killed process takes some 20 to 40 ms
 DONE, BEAT = b"d", b"b"
 IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE)
 PATIENCE = 2.0  # s for the killed process to end
@@ -52,7 +52,7 @@ class Watchdog:
     """
 
     def __init__(
-        self, driver: Driver, late: float = LATE, after: Callable[[str], None] | None = None
+        self, driver: Driver, late: float, after: Callable[[str], None] | None = None
     ) -> None:
         hears, self._tells = os.pipe()
         parent = os.getpid()

@@ -64,11 +64,12 @@ def goal(log: Log) -> str:
 
 
 def labels_of(logs: Sequence[Log]) -> list[str]:
-    """The controllers' names; the robot or experiment is added where names would be equal."""
+    """The controllers' names; or the robot, the goal and the plant, where they differ."""
     parts: list[list[Any]] = [
         [controller_title(log.controller) for log in logs],
         [log.robot for log in logs],
         [goal(log) for log in logs],
+        [log.plant or "simulated" for log in logs],
     ]
     shown = [column for column in parts if len(set(column)) > 1] or parts[:1]
     return [", ".join(column[i] for column in shown) for i in range(len(logs))]

@@ -75,8 +75,7 @@ def comparison(
     logs, models : Sequence[Log], Sequence[SoftModel]
         The runs and the robot of each.
     labels : Sequence[str], optional
-        Names in the legend. By default the controllers', with the robot or experiment where names
-        would be equal.
+        Names in the legend, by default those of `labels_of`.
     side_by_side : bool
         Whether the runs stand beside each other.
 

@@ -2,17 +2,22 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import chdtri
 
+import softdyn
 from softdyn import InputError, SetPoint
 from softdyn.controllers import best
+from softdyn.description.rig import CommandKind
 from softdyn.estimation import Ekf
 from softdyn.statics import settle
 from softdyn.validation import Log, drive, simulate
 from softdyn.validation.bench.drive import Drive
-from softdyn.validation.bench.fail_safe import RigLimits, StopCause
+from softdyn.validation.bench.fail_safe import SURE, FailSafe, RigLimits, StopCause
+from softdyn.validation.bench.plant import RealRig
 from tests.support.benched import NearDriver, benched, tower
 
 PERIOD = 0.005
@@ -142,10 +147,10 @@ def test_a_reading_beyond_its_limits_stops_the_run(model, rig):
     assert "shoulder" in found.reason
 
 
-def driven_by(driver, model, rig, controller=None):
+def driven_by(driver, model, rig, controller=None, observer=None):
     """A run of half a second by this driver."""
     return Drive(
-        model, controller or held(model), SetPoint(np.zeros(3)), driver, period=PERIOD,
+        model, controller or held(model), SetPoint(np.zeros(3)), driver, observer, period=PERIOD,
         duration=0.5, watchdog=False, source=rig.hands.source,
     ).run()  # fmt: skip
 
@@ -254,6 +259,70 @@ def test_a_miss_holds_the_last_command_and_many_stop_the_run(model, rig):
     slow[25] = 6.0
     begin = rig.hands.time
     assert run(model, rig, law).cause is StopCause.MISSED
+
+
+class Slow(NearDriver):
+    """A driver whose readings take nearly two periods, now and then."""
+
+    since, calls = 100.0, 0
+
+    def read(self):
+        self.calls += 1
+        if self.since < self.tower.hands.time and self.calls % 8 == 0:
+            self.tower.hands.pass_(1.8 * PERIOD)
+        return super().read()
+
+
+@pytest.mark.parametrize("since", [100.5, 100.0])
+def test_periods_left_out_while_the_commands_fall_do_not_mislead_the_observer(model, rig, since):
+    class Late(Slow):
+        pass
+
+    class Seen(Ekf):
+        def step(self, t, measurements, u, stamps=None, sent=None):
+            found = super().step(t, measurements, u, stamps, sent)
+            if rig.rig.state()["sent_at"]:  # no copy that only warms up
+                seen.append((t, found.nis, found.used))
+            return found
+
+    Late.since, seen = since, []
+    found = driven_by(Late(model), model, rig, held(model, (20.0, 15.0)), observer=Seen(model))
+    assert found.cause is StopCause.END, found.reason
+    falling = rig.hands.time - found.log.clock[0] - found.log.duration
+    assert falling == pytest.approx(0.5, abs=2 * PERIOD)
+    _, nis, used = np.array([row for row in seen if row[0] > 0.5]).T
+    assert nis.sum() < chdtri(used.sum(), SURE)
+
+
+def test_an_estimate_is_not_judged_while_the_commands_fall(model, rig):
+    """Frozen readings of an arm that falls are the worst of estimates."""
+
+    class Freezing(NearDriver):
+        def send(self, commands):
+            if rig.hands.time > 100.5 and commands[0] < 20.0:
+                self.tell({"fault": "freeze", "sensors": ["shoulder", "elbow"]})
+            super().send(commands)
+
+    found = driven_by(Freezing(model), model, rig, held(model, (20.0, 15.0)))
+    assert found.cause is StopCause.END, found.reason
+
+
+def test_a_winch_turns_on_while_periods_are_left_out(model):
+    winch = {"command": CommandKind.VELOCITY, "stiffness": 900.0}
+    motors = tuple(replace(motor, **winch) for motor in model.robot.actuators)
+    wound = softdyn.build(replace(model.robot, actuators=motors))
+    safe = FailSafe(wound, RigLimits(ramp=0.0), PERIOD)
+    state = wound.state(wound.q0, np.zeros(2))
+    sent = []
+    for left_out in (0, 3):
+        driver = NearDriver(wound)
+        driver.send = sent.append
+        plant = RealRig(wound, driver, safe, PERIOD)
+        plant.advance(np.array([9.0, 0.0]), 1, state)
+        plant.leave_out(left_out)
+        plant.advance(np.array([9.0, 0.0]), 1, state)
+    assert sent[1] == pytest.approx(0.0, abs=1e-12)
+    assert sent[3] == pytest.approx(-3 * sent[2])
 
 
 def test_what_cannot_be_driven_is_refused(model, rig):

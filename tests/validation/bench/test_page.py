@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shlex
 from functools import partial
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import softdyn
+from softdyn.commands import drive as serving
 from softdyn.validation import Log
 from softdyn.validation.bench import drive as driving
 from softdyn.validation.bench import zeroing
@@ -57,8 +59,21 @@ def test_a_cable_that_is_pulled_becomes_shorter(bench):
     assert all(abs(float(read) - float(there)) < 3e-3 for read, there in rows.values())
 
 
-def test_the_first_loop(bench):
-    code, out, err = command(*shown("drive bench.urdf best"))
+PATH = (
+    "new bench.toml", "run bench.urdf best", "drive bench.urdf --serve",
+    "drive bench.urdf --driver",
+    "drive bench.urdf best", "replay driven.npz",
+)  # fmt: skip
+
+
+def test_from_the_file_to_a_driven_rig_in_six_commands(bench, monkeypatch):
+    """The fixture did the first one and is the rig; the fourth has a test of its own."""
+    _, simulated, served, _, driven, replayed = map(shown, PATH)
+    assert serving.parser.parse_args(served[1:]).serve
+    assert command(*simulated)[0] == 0
+    tips = []
+    monkeypatch.setattr(NearDriver, "send", noting(tips, NearDriver.send))
+    code, out, err = command(*driven)
     assert code == 0, out + err
     log = Log.load("driven.npz")
     assert log.complete
@@ -67,6 +82,21 @@ def test_the_first_loop(bench):
     assert 0.8e6 < Path("driven.html").stat().st_size < 1.5e6
     assert NearDriver.tower.stops == 1
     assert bench.rig.state()["relaxed_at"] is not None
+    assert math.dist(tips[log.steps], Log.load("bench.npz").y[-1]) < 2e-3
+    assert command(*replayed)[0] == 0
+    page = Path("both.html").read_text(encoding="utf-8")
+    assert '"simulated"' in page
+    assert '"NearDriver"' in page
+
+
+def noting(tips, send):
+    """A driver's `send` that notes the true tip first."""
+
+    def sends(driver, commands):
+        tips.append(driver.tower.rig.state()["tip"])
+        send(driver, commands)
+
+    return sends
 
 
 def test_the_sensors_of_the_page_are_enough_to_find_the_zeros(bench):

@@ -101,10 +101,11 @@ def test_a_log_of_another_robot_is_refused(log):
 
 def test_runs_are_told_apart_by_what_differs(model, log):
     other = replace(log, controller="ic")
-    faster = replace(log, theta=1.0)
+    faster, driven = replace(log, theta=1.0), replace(log, plant="MyRig")
     labels = [[t.label for t in comparison(logs, [model] * 2).runs[0].tracks]
-              for logs in ((log, other), (log, faster), (log, log))]  # fmt: skip
-    assert labels == [["idle", "IC"], ["set point θ = 0.5π", "set point θ = π"], ["idle", "idle"]]
+              for logs in ((log, other), (log, faster), (log, driven), (log, log))]  # fmt: skip
+    assert labels == [["idle", "IC"], ["set point θ = 0.5π", "set point θ = π"],
+                      ["simulated", "MyRig"], ["idle", "idle"]]  # fmt: skip
 
 
 def test_side_by_side_robots_do_not_overlap(model, log):
