@@ -32,6 +32,21 @@ def test_a_tip_in_millimetres_is_said(finger):
         check_data(finger, given)
 
 
+def test_directions_of_static_rows_are_read_and_others_refused(finger, tmp_path):
+    head, file = "u.u1,u.u2,direction.u1,direction.u2,q.joint1\n", tmp_path / "rows.csv"
+    file.write_text(head + "1,-1,1,-1,0.1\n0,1,0,1,0.2\n1,1,-1,0,0.1\n")
+    read = identification.read_csv(file, finger, static=True)
+    np.testing.assert_array_equal(read.direction, [[1, -1], [0, 1], [-1, 0]])
+    with pytest.raises(InputError, match=r"header: expected t, u\.INPUT.*got .direction\.u1"):
+        identification.read_csv(file, finger)
+    file.write_text(head + 3 * "1,1,1,2,0.1\n")
+    with pytest.raises(InputError, match="direction: expected 1 pulled in, -1 paid out or 0"):
+        identification.read_csv(file, finger, static=True)
+    file.write_text("u.u1,u.u2,direction.u1,q.joint1\n" + 3 * "1,1,1,0.1\n")
+    with pytest.raises(InputError, match=r"direction\.u2"):
+        identification.read_csv(file, finger, static=True)
+
+
 def test_names_of_the_finger(finger):
     inputs = [f"u.{actuator.name}" for actuator in finger.robot.actuators]
     assert HEADER.split(",") == ["t", *inputs, *(f"q.{name}" for name in finger.joint_names)]
