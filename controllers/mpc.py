@@ -111,9 +111,9 @@ class Mpc(GuardedController):
     prediction error, so that the tip settles without offset.
 
     An unstable state, such as that of a joint between two stops which its cables pull to either,
-    grows by e^(H/T) over the horizon. Where T is a few milliseconds, the growth leaves no digits of
-    H for anything else: the ridge of `predictive.prediction` exceeds the inputs' own weights.
-    There the horizon is halved until it does not.
+    grows by e^(H/τ) over the horizon H. Where τ is a few milliseconds, the growth leaves no digits
+    of the QP's matrix for anything else: the ridge of `predictive.prediction` exceeds the inputs'
+    own weights. There the horizon is halved until it does not.
 
     With tasks, e are their errors, scaled by the roots of their weights, and J their rows.
 

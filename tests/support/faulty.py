@@ -234,7 +234,7 @@ def _end(rig, loop, kind, port, folder, after) -> Outcome:
 
 @dataclass(frozen=True)
 class _Note:
-    """What the user's own objects noted: the time (s) on the monotonic clock, a word, numbers."""
+    """The notes of the user's own objects: the time (s) on the monotonic clock, a word, numbers."""
 
     at: float
     what: str

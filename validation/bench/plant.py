@@ -40,7 +40,7 @@ def blamed(cause: StopCause, what: str) -> Iterator[None]:
 
 
 def rest_pose(model: SoftModel) -> np.ndarray:
-    """The configuration (nq,) in which a relaxed arm rests; the default one of a run if in none."""
+    """The configuration (nq,) in which a relaxed arm rests, or else a run's default start."""
     try:
         found = rest(model).q
     except StaticsError:
@@ -256,7 +256,6 @@ class SeeingObserver:
         if resets is not None:
             known = inspect.signature(resets).parameters
             resets(**({"q": self._rig.pose} if "q" in known else {}))
-
         self._time = -math.inf
 
     def step(self, t: float, measurements: np.ndarray, u: np.ndarray) -> Any:
