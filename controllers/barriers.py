@@ -46,6 +46,7 @@ from softdyn.controllers.qps.qp import QpProblem, QpSolution
 from softdyn.controllers.qps.relaxed_rows import ROOM, RelaxedRows, Rows
 from softdyn.controllers.qps.stopped_step import StoppedStep
 from softdyn.description.robot import sliding
+from softdyn.dynamics.stops import Stops
 from softdyn.safety.clearance import CENTIRADIAN, MILLIMETRE, Values
 from softdyn.safety.obstacles import RATE, BarrierSet
 from softdyn.safety.obstacles import HalfSpace as HalfSpace
@@ -145,6 +146,7 @@ class BarrierRows:
     def __init__(self, model: SoftModel, barriers: Sequence[ControlBarrier], tau: float) -> None:
         self._model, self._barriers, self._tau = model, tuple(barriers), tau
         self._values = BarrierSet(model, self._barriers)
+        Stops.of(model).prepare()  # those of a step are solved alike
         self._qp, self._leap = RelaxedRows(model.u_min, model.u_max), LEAP * _joint_units(model)
         self.reset()
 

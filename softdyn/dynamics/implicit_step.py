@@ -68,6 +68,7 @@ class ImplicitStep:
 
     def __init__(self, model: SoftModel, balance: ForceBalance | None = None) -> None:
         self._model, self._stops = model, Stops.of(model)
+        self._stops.prepare()
         # without continuous joints the sum takes a tenth of the time
         self._moved = np.add if model.nq == model.nv else model.integrate
         self._balance = ForceBalance(model) if balance is None else balance

@@ -97,6 +97,11 @@ class Stops(Frozen):
         held = held.copy()
         return _solve(A, r, at, self.lower, self.upper, step, held), held
 
+    def prepare(self) -> None:
+        """Compile `solve`, so that no step of a loop waits for it when a joint meets its stop."""
+        zero = np.zeros(len(self.lower))
+        self.solve(np.eye(len(zero)), zero, zero, 1.0, np.zeros(len(zero), int))
+
     def held(self, at: np.ndarray, r: np.ndarray) -> np.ndarray:
         """Joints (nv,) bool that the stops hold against the forces -r (nv,).
 
