@@ -17,7 +17,6 @@ from softdyn.controllers.qps.linear_algebra import (
     dot,
     inner,
     lq,
-    put,
     row_space,
 )
 from softdyn.controllers.qps.qp import ACCEPTED, DenseQp
@@ -90,23 +89,23 @@ def _law(
     """Write the input into `u` (m,); return the residual of its QP, and δ."""
     (m, n), k = Bt.shape, len(J)
     right, stacked, wanted = np.empty((m + k + 1, n)), np.zeros((k + 1, m)), np.empty(k + 1)
-    for x in range(k):
-        put(right[x], J[x])
-    for i in range(m):
-        put(right[k + i], Bt[i])
-    put(right[k + m], h)
+    for i in range(n):
+        for x in range(k):
+            right[x, i] = J[x, i]
+        for j in range(m):
+            right[k + j, i] = Bt[j, i]
+        right[k + m, i] = h[i]
     half = cholesky(M, right)[1]
-    products = inner(half[:k], half[k:])  # J M⁻¹ [B h]
     # √w1 (μ - μ_ref) and √ρ δ are the rows of stacked u - wanted
     first, second, slack = np.sqrt(w1), np.sqrt(rho), -bound[0]
-    along, rest, at_reference = np.zeros(m), slack, slack
-    linear = products[:, :m].copy()
+    along, rest, at_reference, linear = np.zeros(m), slack, slack, np.empty((k, m))
     for x in range(k):
-        drift = dot(Jdot[x], v) - products[x, m] - yddot[x]
+        drift = dot(Jdot[x], v) - dot(half[x], half[k + m]) - yddot[x]
         wanted[x] = first * (mu_ref[x] - drift)
         rest += row[x] * drift
         at_reference += row[x] * mu_ref[x]
         for j in range(m):
+            linear[x, j] = dot(half[x], half[k + j])  # of J M⁻¹ B
             stacked[x, j] = first * linear[x, j]
             along[j] += row[x] * linear[x, j]
     for j in range(m):
@@ -121,11 +120,14 @@ def _law(
         r = len(Q)
         basis, triangle, d = np.empty((r, count)), np.empty((r, r)), np.empty(r)
         lq(inner(Q, stacked[:count]), basis, triangle)
+        R = np.empty((r, r))
         for x in range(r):
             d[x] = dot(basis[x], wanted[:count])
-        residual = bounded_least_norm(triangle.T.copy(), Q, d, lower, upper, u)
+            for i in range(r):
+                R[x, i] = triangle[i, x]
+        residual = bounded_least_norm(R, Q, d, lower, upper, u)
         delta = rest + dot(along, u)
         if (delta > 0) == late:
             break
         late = not late
-    return residual, max(delta, 0.0)
+    return residual, 0.0 if delta <= 0 else delta

@@ -383,7 +383,7 @@ def _clip(u, u_min, u_max):
     if len(u) != len(u_min):
         return inside, np.inf
     for i in range(len(u)):
-        inside[i] = min(max(u[i], u_min[i]), u_max[i])
+        inside[i] = u_min[i] if u[i] < u_min[i] else u_max[i] if u[i] > u_max[i] else u[i]
         outside = abs(u[i] - inside[i])
         if not outside <= violation:
             violation = outside if outside == outside else np.inf

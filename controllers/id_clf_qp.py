@@ -14,10 +14,7 @@ from softdyn.controllers.qps.linear_algebra import (
     add_squares,
     cholesky,
     dot,
-    inner,
-    put,
     row_space,
-    substitute_back,
 )
 from softdyn.controllers.qps.stacked_error import TaskRows
 from softdyn.controllers.qps.task_qp import Condensed
@@ -72,29 +69,34 @@ def _condense(M, h, v, Bt, J, Jdot, mu_ref, yddot, weights, H, g, mu_map, mu_0):
     m, n = Bt.shape
     # q̈ = M⁻¹B u + drift; the rows of X are the columns of M⁻¹B, and drift
     right = np.empty((m + 1, n))
-    for i in range(m):
-        put(right[i], Bt[i])
     for x in range(n):
+        for i in range(m):
+            right[i, x] = Bt[i, x]
         right[m, x] = -h[x]
     R, X = cholesky(M, right)
-    substitute_back(R, X)
-    drift = X[m]
-    damped = drift + damping * v
+    for i in range(n - 1, -1, -1):  # R X = the rows so far
+        for x in range(m + 1):
+            X[x, i] = (X[x, i] - dot(R[i, i + 1 : n], X[x, i + 1 :])) / R[i, i]
+    drift, damped = X[m], np.empty(n)
+    for x in range(n):
+        damped[x] = drift[x] + damping * v[x]
     row_basis = row_space(J, RANK_TOLERANCE)
     r = len(row_basis)
-    RX, Rd = inner(row_basis, X[:m]), np.empty(r)
+    RX, Rd, short = np.empty((r, m)), np.empty(r), np.empty(len(J))
     for x in range(r):
         Rd[x] = dot(row_basis[x], damped)
-    short = np.empty(len(J))
+        for i in range(m):
+            RX[x, i] = dot(row_basis[x], X[i])
     for x in range(len(J)):
         for j in range(m):
             mu_map[x, j] = dot(J[x], X[j])
         mu_0[x] = dot(J[x], drift) + dot(Jdot[x], v) - yddot[x]
         short[x] = mu_0[x] - mu_ref[x]
     # N is a projector: (N X)ᵀ N X = XᵀX - (R X)ᵀ R X
-    H[:] = 2 * (w2 + w4) * inner(X[:m], X[:m])
     for i in range(m):
         g[i] = 2 * (w2 * dot(X[i], drift) + w4 * dot(X[i], damped))
+        for j in range(i + 1):
+            H[i, j] = H[j, i] = 2 * (w2 + w4) * dot(X[i], X[j])
     add_squares(H, g, w1, mu_map, short)
     add_squares(H, g, -w4, RX, Rd)
     for i in range(m):

@@ -20,7 +20,6 @@ from softdyn.controllers.qps.linear_algebra import (
     lq,
     lu_solve,
     row_space,
-    substitute,
 )
 from softdyn.controllers.qps.qp import DenseQp
 from softdyn.controllers.qps.stacked_error import TaskRows, several_levels
@@ -67,24 +66,28 @@ def _law(
     f = Λ ÿ + J⁺ᵀ C q̇ - Λ J̇ q̇ with ÿ = ÿ_ref - K_d ė - K_p e: paper, (eq:impedance_acc) and
     (impedance_acc). Jᵀ J⁺ᵀ projects C q̇ onto range(Jᵀ); the rows of `row_basis` span that range.
     """
-    row_basis, ahead, coriolis = row_space(J, RANK_TOLERANCE), np.empty(len(J)), bias - g
+    row_basis, ahead = row_space(J, RANK_TOLERANCE), np.empty(len(J))
+    n, coriolis, torque = len(v), np.empty(len(v)), np.empty(len(v))
+    for i in range(n):
+        coriolis[i] = bias[i] - g[i]
+        torque[i] = h[i] - coriolis[i]
     for x in range(len(J)):
         ahead[x] = yddot[x] + mu_ref[x] - dot(Jdot[x], v)
     force = task_force(M, J, row_basis, ahead)
     for x in range(len(row_basis)):
         force[x] += dot(row_basis[x], coriolis)
-    torque = h - coriolis
     if project:
         add_actuated(row_basis, span, force, torque)
     else:
         for x in range(len(row_basis)):
             add(torque, force[x], row_basis[x])
-    u, along = np.zeros(rows.shape[1]), np.empty((len(span), 1))
-    for i in range(len(span)):
-        along[i, 0] = dot(span[i], torque)
-    substitute(triangle, along)
-    for i in range(len(span)):
-        add(u, along[i, 0], rows[i])
+    u, along = np.zeros(rows.shape[1]), np.empty(len(span))
+    for i in range(len(span)):  # triangle along = span torque
+        along[i] = dot(span[i], torque)
+        for j in range(i):
+            along[i] -= triangle[i, j] * along[j]
+        along[i] /= triangle[i, i]
+        add(u, along[i], rows[i])
     return u
 
 

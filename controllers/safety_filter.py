@@ -98,7 +98,7 @@ class SafetyFilter(WrappingController):
         return replace(answer, u=command.u) if isinstance(answer, Command) else command
 
 
-def among(make: Callable[..., Any], around: Surroundings | None) -> Callable[..., Any]:
+def with_barriers(make: Callable[..., Any], around: Surroundings | None) -> Callable[..., Any]:
     """`make`, a class or another callable, whose controllers keep clear of obstacles if any.
 
     `SoftIdClfQp` gets barriers of its own, any other controller a filter.

@@ -46,7 +46,7 @@ def _warm(robot: str, name: str) -> None:
     from softdyn.commands.observe import sensors_of
     from softdyn.controllers import SoftIdClfQp
     from softdyn.controllers.registry import make_controller
-    from softdyn.controllers.safety_filter import among
+    from softdyn.controllers.safety_filter import with_barriers
     from softdyn.estimation import Ekf
     from softdyn.safety import KeepOutBox, Surroundings
 
@@ -54,7 +54,7 @@ def _warm(robot: str, name: str) -> None:
     if name == OBSTACLE:  # a box, whose distance from round links is refined
         state = model.state(model.q0, np.zeros(model.nv))
         box = KeepOutBox(state.y + 0.02, np.full(3, 0.01), links="all")
-        law = among(SoftIdClfQp, Surroundings([box]))(model)
+        law = with_barriers(SoftIdClfQp, Surroundings([box]))(model)
         law.reset(0.01)
         law(state, softdyn.SetPoint(state.y))
         return

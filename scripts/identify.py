@@ -138,16 +138,16 @@ def command(arguments: cli.Arguments) -> int:
     how = {"static": arguments.static, "outputs": arguments.outputs}
     raw = identification.read_csv(arguments.data, model, **how)
     given, fitted = camera_of(arguments)
-    data, taken = identification.prepared(
+    data, acquisition = identification.prepared(
         model, raw, static=arguments.static, camera=given, fit_camera=fitted,
         relabel=arguments.relabel,
     )  # fmt: skip
     unknowns = made.unknowns(*chosen) if made else identification.unknowns_of(model, *chosen)
-    if fitted and taken.view is not None:
-        unknowns += identification.camera_unknowns(taken.view.camera)
+    if fitted and acquisition.view is not None:
+        unknowns += identification.camera_unknowns(acquisition.view.camera)
     options: dict[str, Any] = {
         "hold_out": 0.0 if arguments.test else arguments.hold_out,
-        "step": arguments.step or math.inf, "taken": taken,
+        "step": arguments.step or math.inf, "acquisition": acquisition,
     }  # fmt: skip
     found = identification.identify(model, data, unknowns, **options)
     again: dict[str, Any] = {"static": True, "relabel": arguments.relabel, "camera": found.camera}

@@ -126,12 +126,12 @@ def controllers_of(arguments: cli.Arguments, first: str, around: Any = None) -> 
     """Controllers of the command line by name, each made as ``make(model)``."""
     from softdyn import InputError
     from softdyn.controllers.registry import find_controller, make_controller
-    from softdyn.controllers.safety_filter import among
+    from softdyn.controllers.safety_filter import with_barriers
     from softdyn.view.live.messages import OPEN_LOOP
 
     said = (*arguments.controllers, *([first] if arguments.gains else []))
     names = [name for name in dict.fromkeys(said) if name != OPEN_LOOP]
-    own = {name: among(find_controller(name), around) for name in names}
+    own = {name: with_barriers(find_controller(name), around) for name in names}
     if arguments.gains is None:
         return own
     table = cli.read_toml(arguments.gains)

@@ -425,10 +425,10 @@ def controller_of(
 ) -> Any:
     """A controller by its command-line name, with the parameters of a file if there is one."""
     from softdyn.controllers import registry
-    from softdyn.controllers.safety_filter import among
+    from softdyn.controllers.safety_filter import with_barriers
 
     table = None if file is None else cli.read_toml(file)
-    cls = among(registry.find_controller(name), around)
+    cls = with_barriers(registry.find_controller(name), around)
     return registry.make_controller(name, model, table, cls, source=file, **more)
 
 

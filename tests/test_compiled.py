@@ -24,8 +24,6 @@ from softdyn.controllers.qps.linear_algebra import (
     lq,
     lu_solve,
     row_space,
-    substitute,
-    substitute_back,
 )
 from tests.support.control_cases import BUNDLED, MICRO, drawn, recorded, robot
 
@@ -113,11 +111,6 @@ def test_small_systems(n):
     upper = np.triu(R[:, :n])
     assert np.allclose(upper.T @ upper, M, atol=1e-12 * np.abs(M).max())
     assert np.allclose(half @ upper, right.T, atol=1e-10)
-    found = right.copy()
-    substitute(upper.T.copy(), found)
-    assert np.allclose(found.T, half, atol=1e-9)
-    substitute_back(R, half)
-    assert np.allclose(M @ half.T, right, atol=1e-9)
 
 
 def test_squares_add_up_to_an_objective():

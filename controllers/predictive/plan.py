@@ -290,13 +290,13 @@ def _pose(
     n, m = model.nv, model.nu
     state, S, compliance = stiffness_at_rest(model, HORIZON)
     R = compliance * state.B.T @ np.linalg.solve(S, state.B)
-    kept, mean = (float(share) for share in lag_shares(STEP, lag))
+    decay, mean = (float(share) for share in lag_shares(STEP, lag))
     weight = np.zeros((2 * n + m, 2 * n + m))
     weight[:n, :n] = FORM * compliance * S
     weight[n : 2 * n, n : 2 * n] = (SPEED * HORIZON) ** 2 * compliance * S
     weight[2 * n :, 2 * n :] = HOLD * np.diag(np.diag(R))
-    change = (1 - kept) ** 2 * RATE * (R + 1e-8 * np.trace(R) * np.eye(m))
-    return PathProblem(model, start, target, goal, kept, mean, weight, change)
+    change = (1 - decay) ** 2 * RATE * (R + 1e-8 * np.trace(R) * np.eye(m))
+    return PathProblem(model, start, target, goal, decay, mean, weight, change)
 
 
 def _plan(problem: PathProblem, lag: float, path: Path, gains: np.ndarray) -> Plan:
@@ -316,7 +316,7 @@ class PathProblem:
         Configuration, velocity and acting input at the begin.
     goal : ndarray, (3,)
         The point (m) for the tip.
-    kept, mean : float
+    decay, mean : float
         Shares of the first input in the acting input after a step, and in its mean over it.
     weight : ndarray, (2 nv + nu, 2 nv + nu)
         Of a state's distance from the target.
@@ -328,7 +328,7 @@ class PathProblem:
     start: tuple[np.ndarray, np.ndarray, np.ndarray]
     target: RestTarget
     goal: np.ndarray
-    kept: float
+    decay: float
     mean: float
     weight: np.ndarray
     change: np.ndarray
@@ -479,7 +479,7 @@ def _simulate(
         if solved is None:
             return None
         state, A, B = solved
-        after = problem.kept * a + (1 - problem.kept) * c
+        after = problem.decay * a + (1 - problem.decay) * c
         end = np.concatenate((model.coordinates(state.q), state.v, after))
         if states is not None:
             drift = end - states[k]
@@ -536,7 +536,7 @@ def _step(
     B[n : 2 * n] = (1 - problem.mean) * by_u
     A[:n], B[:n] = STEP * A[n : 2 * n], STEP * B[n : 2 * n]
     A[:n, :n] += np.eye(n)
-    A[2 * n :, 2 * n :], B[2 * n :] = problem.kept * np.eye(m), (1 - problem.kept) * np.eye(m)
+    A[2 * n :, 2 * n :], B[2 * n :] = problem.decay * np.eye(m), (1 - problem.decay) * np.eye(m)
     return state, A, B
 
 

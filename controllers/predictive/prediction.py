@@ -28,7 +28,7 @@ from functools import partial
 import numpy as np
 
 from softdyn.compiled import compiled, compiled_or
-from softdyn.controllers.qps.linear_algebra import add, dot, multiply, put, solve_rows
+from softdyn.controllers.qps.linear_algebra import dot, multiply, solve_rows
 
 ROOT = 2.0**0.5
 STAGE = 1.0 - 1.0 / ROOT
@@ -94,15 +94,20 @@ def condensed_qp(
     M, K, D, B = linear
     x = np.concatenate([lookahead.metric @ value for value in start])
     data = M, K, D, np.column_stack((force, B)), x, lookahead.inverse.T @ rows.T
-    return _condensed(
-        *data, error, pace, lookahead.step, lookahead.metric, lookahead.inverse, lookahead.begins,
-        lookahead.bends, inputs, offset,
-    )  # fmt: skip
+    ramps, free, c = _ramp_products(
+        *data, error, pace, lookahead.step, lookahead.metric, lookahead.inverse, lookahead.begins
+    )
+    # the inputs at the knots from the ramps that begin at the pieces
+    bends, size = lookahead.bends.T, len(free)
+    count, pieces = bends.shape
+    m = size // pieces
+    half = (bends @ ramps.reshape(pieces, m * size)).reshape(count * m, pieces, m)
+    H = 2.0 * ((bends @ half).reshape(count * m, count * m) + inputs)
+    H.flat[:: len(H) + 1] += RIDGE * np.trace(H) / len(H)
+    return H, 2.0 * ((bends @ free.reshape(pieces, m)).ravel() + offset), c
 
 
-def _by_products(M, K, D, forces, x, outputs, error, pace, step, metric, inverse, begins, bends,
-    inputs, offset,
-):  # fmt: skip
+def _by_products(M, K, D, forces, x, outputs, error, pace, step, metric, inverse, begins):
     """Stack all outputs of all ramps, in NumPy."""
     n, m, count, g = len(M), forces.shape[1] - 1, len(error), STAGE * step
     into = np.linalg.inv(M + g * D + g * g * K)
@@ -121,20 +126,16 @@ def _by_products(M, K, D, forces, x, outputs, error, pace, step, metric, inverse
     ramp = (sums - y / 2).cumsum(axis=0)[..., 1:]
     free = sums[..., 0] + np.concatenate((outputs.T @ x[:n], x[n:]))
     free += np.hstack((error, -pace))
-    stacked = np.zeros((count, y.shape[1], len(bends), m))
+    stacked = np.zeros((count, y.shape[1], len(begins) - 1, m))
     for i, begin in enumerate(begins[:-1]):
         stacked[begin:, :, i] = ramp[: count - begin]
-    by_knots = np.einsum("kqia,ij->kqja", stacked, bends).reshape(free.size, -1)
-    H = by_knots.T @ by_knots + inputs
-    H += RIDGE * np.trace(H) / len(H) * np.eye(len(H))
-    return 2.0 * H, 2.0 * (by_knots.T @ free.ravel() + offset), float(np.sum(free * free))
+    rows = stacked.reshape(free.size, -1)
+    return rows.T @ rows, rows.T @ free.ravel(), float(np.sum(free * free))
 
 
 @compiled_or(_by_products, reorder=True)
-def _condensed(M, K, D, forces, x, outputs, error, pace, step, metric, inverse, begins, bends,
-    inputs, offset,
-):  # fmt: skip
-    """Products of the outputs, each pair of ramps over the steps after both begin."""
+def _ramp_products(M, K, D, forces, x, outputs, error, pace, step, metric, inverse, begins):
+    """Products of the outputs of all ramps (pieces m)², with the free ones, and of these."""
     n, m = len(M), forces.shape[1] - 1
     method, first = _method(M, K, D, forces, STAGE * step, metric, inverse)
     for j in range(2 * n):
@@ -144,8 +145,7 @@ def _condensed(M, K, D, forces, x, outputs, error, pace, step, metric, inverse, 
         first[0, j] += change
     responses = np.empty((1 + m, len(error) * (outputs.shape[1] + n)))
     _respond(method, first, outputs, x, error, pace, responses)
-    ramps, free, c = _products(responses, begins, outputs.shape[1] + n)
-    return _by_knots(ramps, free, c, bends, inputs, offset)
+    return _products(responses, begins, outputs.shape[1] + n)
 
 
 @compiled
@@ -278,34 +278,6 @@ def _add_inner(rows, begin, shift, count, products, i, j):
             products[i + m - 1, j + b] += dot(rows[m, begin:end], rows[1 + b, last:])
 
 
-@compiled
-def _by_knots(ramps, free, c, bends, inputs, offset):
-    """H, g and c of the inputs at the knots, from the products of the ramps."""
-    pieces, size = len(bends), len(free)
-    m = size // pieces
-    half, H, g = np.zeros((size, size)), 2.0 * inputs, 2.0 * offset
-    for i in range(pieces):
-        for j in range(pieces):
-            share = 2.0 * bends[i, j]
-            if share != 0.0:
-                for a in range(m):
-                    g[j * m + a] += share * free[i * m + a]
-                    add(half[j * m + a], share, ramps[i * m + a])
-    for i in range(pieces):
-        for j in range(pieces):
-            share = bends[i, j]
-            if share != 0.0:
-                for row in range(size):
-                    for a in range(m):
-                        H[row, j * m + a] += share * half[row, i * m + a]
-    trace = 0.0
-    for i in range(size):
-        trace += H[i, i]
-    for i in range(size):
-        H[i, i] += RIDGE * trace / size
-    return H, g, c
-
-
 def ahead(
     linear: tuple[np.ndarray, ...],
     force: np.ndarray,
@@ -325,30 +297,9 @@ def ahead(
         A step's length T (s).
     """
     M, K, D, B = linear
-    p, v = (np.array(value) for value in start)  # kernels are compiled for writable arrays
-    matrix = _ahead(M, K, D, force + changes @ B.T, p, v, step)
+    p, v = start
+    matrix = M + step * D + step * step * K
+    for change in changes:
+        v = np.linalg.solve(matrix, M @ v + step * (force + B @ change - K @ p))
+        p = p + step * v
     return p, v, matrix
-
-
-@compiled
-def _ahead(M, K, D, forces, p, v, step):
-    """Move p and v on, one step for each of `forces` (steps, n); return the matrix."""
-    n = len(p)
-    matrix, system = np.empty((n, n)), np.empty((n, n + 1))
-    for i in range(n):
-        for j in range(n):
-            matrix[i, j] = M[i, j] + step * D[i, j] + step * step * K[i, j]
-    for force in forces:
-        for i in range(n):
-            put(system[i, :n], matrix[i])
-            push = force[i]
-            momentum = 0.0
-            for j in range(n):
-                push -= K[i, j] * p[j]
-                momentum += M[i, j] * v[j]
-            system[i, n] = momentum + step * push
-        solve_rows(system)
-        for i in range(n):
-            v[i] = system[i, n]
-            p[i] += step * v[i]
-    return matrix

@@ -13,15 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from softdyn.compiled import compiled
-from softdyn.controllers.qps.linear_algebra import (
-    add,
-    dot,
-    factor,
-    lq,
-    put,
-    substitute,
-    substitute_back,
-)
+from softdyn.controllers.qps.linear_algebra import add, dot, factor, lq
 
 ROUNDING = 1e-13  # a multiplier below this share of its cancelling terms counts as zero
 
@@ -52,40 +44,48 @@ def bounded_least_norm(
         0 if no multiplier has the wrong sign; else the largest wrong one, as a share of its
         cancelling terms; NaN if data are not finite.
     """
-    (r, m), Qt = Q.shape, Q.T.copy()
-    if not np.abs(d).sum() + np.abs(R).sum() < np.inf:
+    r, m = Q.shape
+    Qt, target, y, total = np.empty((m, r)), np.empty(m), np.empty(r), 0.0
+    free, barred = np.ones(m), np.zeros(m)  # 1 for an input in this set, else 0
+    for x in range(r):
+        total += abs(d[x])
+        for i in range(r):
+            total += abs(R[x, i])
+        for i in range(m):
+            Qt[i, x] = Q[x, i]
+    if not total < np.inf:
         return np.nan
-    free, barred = np.ones(m, np.bool_), np.zeros(m, np.bool_)
-    target, y = np.empty(m), np.empty(r)
     _face(R, Qt, d, u, free, target, y)
     for i in range(m):
-        free[i] = lower[i] < upper[i] and lower[i] <= target[i] <= upper[i]
-        u[i] = min(max(target[i], lower[i]), upper[i])
+        inside = lower[i] <= target[i] <= upper[i]
+        free[i] = 1.0 if lower[i] < upper[i] and inside else 0.0
+        u[i] = target[i] if inside else lower[i] if target[i] < lower[i] else upper[i]
     released, wrong = -1, np.inf
     for _ in range(20 + 10 * m):
         _face(R, Qt, d, u, free, target, y)
         share, blocking = 1.0, -1
         for i in range(m):
-            if free[i] and not lower[i] <= target[i] <= upper[i]:
+            if free[i] != 0 and not lower[i] <= target[i] <= upper[i]:
                 bound = lower[i] if target[i] < lower[i] else upper[i]
                 part = (bound - u[i]) / (target[i] - u[i])
                 if part < share or blocking < 0:
                     share, blocking = part, i
         for i in range(m):
-            if free[i]:
+            if free[i] != 0:
                 u[i] += share * (target[i] - u[i])
         if blocking >= 0:
             u[blocking] = lower[blocking] if target[blocking] < lower[blocking] else upper[blocking]
-            free[blocking] = False
+            free[blocking] = 0.0
             if share > 0.0:
-                barred[:] = False
+                for i in range(m):
+                    barred[i] = 0.0
             elif blocking == released:
-                barred[blocking] = True  # its multiplier was only rounding
+                barred[blocking] = 1.0  # its multiplier was only rounding
             continue
         released, wrong = _leaves(R, Qt, d, u, y, free, barred, lower, upper)
         if released < 0:
             return 0.0
-        free[released] = True
+        free[released] = 1.0
     return wrong
 
 
@@ -98,41 +98,48 @@ def _face(R, Qt, d, u, free, target, y):
     (m, r), count = Qt.shape, 0
     columns, rest = np.empty((m, r)), np.zeros(r)
     for i in range(m):
-        if free[i]:
-            put(columns[count], Qt[i])
+        if free[i] != 0:
+            for x in range(r):
+                columns[count, x] = Qt[i, x]
             count += 1
         else:
             add(rest, u[i], Qt[i])
-    y[:] = 0.0
+    for x in range(r):
+        y[x] = 0.0
     if count == 0:
         return
     span, triangle, rows = factor(columns[:count], ROUNDING)
     # Q u = rest + spanᵀ s, where s is the least-squares solution of R spanᵀ s = d - R rest
     k = len(span)
     mapped, basis, corner = np.empty((k, r)), np.empty((k, r)), np.empty((k, k))
-    right, s = np.empty(r), np.empty((1, k))
+    right, s = np.empty(r), np.empty(k)
     for x in range(r):
         right[x] = d[x] - dot(R[x, x:], rest[x:])
         for i in range(k):
             mapped[i, x] = dot(R[x, x:], span[i, x:])
     lq(mapped, basis, corner)
-    for i in range(k):
-        s[0, i] = dot(basis[i], right)
-    substitute_back(corner.T.copy(), s)
-    coordinates = s.T.copy()
-    substitute(triangle, coordinates)
+    for i in range(k - 1, -1, -1):  # cornerᵀ s = basis right
+        s[i] = dot(basis[i], right)
+        for j in range(i + 1, k):
+            s[i] -= corner[j, i] * s[j]
+        s[i] /= corner[i, i]
+    for i in range(k):  # triangle s = s
+        for j in range(i):
+            s[i] -= triangle[i, j] * s[j]
+        s[i] /= triangle[i, i]
     count = 0
     for i in range(m):
-        if free[i]:
+        if free[i] != 0:
             target[i] = 0.0
             for j in range(k):
-                target[i] += coordinates[j, 0] * rows[j, count]
+                target[i] += s[j] * rows[j, count]
             count += 1
+    for i in range(k - 1, -1, -1):  # triangleᵀ s = s
+        for j in range(i + 1, k):
+            s[i] -= triangle[j, i] * s[j]
+        s[i] /= triangle[i, i]
     for i in range(k):
-        s[0, i] = coordinates[i, 0]
-    substitute_back(triangle.T.copy(), s)
-    for i in range(k):
-        add(y, s[0, i], span[i])
+        add(y, s[i], span[i])
 
 
 @compiled
@@ -142,18 +149,17 @@ def _leaves(R, Qt, d, u, y, free, barred, lower, upper):
     Multipliers of ‖R Q u - d‖² come first; those of ‖u‖² count only if the former are zero.
     """
     m, r = Qt.shape
-    reached, left, back, size = np.zeros(r), np.empty(r), np.zeros(r), 0.0
+    reached, back, size = np.zeros(r), np.zeros(r), 0.0
     for i in range(m):
         add(reached, u[i], Qt[i])
     for x in range(r):
         moved = dot(R[x, x:], reached[x:])
-        left[x] = d[x] - moved
         size += abs(d[x]) + abs(moved)
-    for x in range(r):
-        add(back[x:], left[x], R[x, x:])
+        for i in range(x, r):
+            back[i] += (d[x] - moved) * R[x, i]
     first, second, wrong, wrong_norm = -1, -1, ROUNDING, ROUNDING
     for i in range(m):
-        if free[i] or barred[i] or not lower[i] < upper[i]:
+        if free[i] != 0 or barred[i] != 0 or not lower[i] < upper[i]:
             continue
         inward = 1.0 if u[i] == lower[i] else -1.0
         square = 0.0

@@ -19,14 +19,6 @@ def _add(row, part, other):
     row += part * other
 
 
-def _put(row, values):
-    row[:] = values
-
-
-def _divide(row, by):
-    row /= by
-
-
 def _add_squares(H, g, weight, rows, offset):
     H += 2 * weight * rows.T @ rows
     g += 2 * weight * offset @ rows
@@ -36,22 +28,15 @@ def _inner(a, b):
     return a @ b.T
 
 
-def _substitute(triangle, right):
-    right[:] = np.linalg.solve(np.tril(triangle), right)
-
-
-def _substitute_back(upper, rows):
-    rows[:] = np.linalg.solve(np.triu(upper), rows.T).T
-
-
 def _cholesky(M, rows):
     L = np.linalg.cholesky(M)
     return L.T, np.linalg.solve(L, rows.T).T
 
 
 def _lu_solve(A, b):
+    n = len(A)
     try:
-        b[:] = np.linalg.solve(A, b)
+        b[:n] = np.linalg.solve(A, b[:n])
     except np.linalg.LinAlgError:
         return False
     return True
@@ -75,13 +60,16 @@ def dot(a: np.ndarray, b: np.ndarray) -> float:
     return total
 
 
-@compiled_or(_inner)
+@compiled_or(_inner, reorder=True)
 def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Inner products a bᵀ (k, l) of rows (k, n) with rows (l, n); it reads `b` once."""
     products = np.empty((len(a), len(b)))
     for j in range(len(b)):
         for i in range(len(a)):
-            products[i, j] = dot(a[i], b[j])
+            total = 0.0
+            for x in range(a.shape[1]):
+                total += a[i, x] * b[j, x]
+            products[i, j] = total
     return products
 
 
@@ -90,20 +78,6 @@ def add(row: np.ndarray, part: float, other: np.ndarray) -> None:
     """row += part · other, of vectors (n,)."""
     for i in range(len(row)):
         row[i] += part * other[i]
-
-
-@compiled_or(_put)
-def put(row: np.ndarray, values: np.ndarray) -> None:
-    """row[:] = values, of vectors (n,); a loop, because Numba compiles an assigned slice in 2 s."""
-    for i in range(len(row)):
-        row[i] = values[i]
-
-
-@compiled_or(_divide)
-def divide(row: np.ndarray, by: float) -> None:
-    """row /= by, of a vector (n,)."""
-    for i in range(len(row)):
-        row[i] /= by
 
 
 @compiled_or(_add_squares)
@@ -144,13 +118,16 @@ def row_space(rows: np.ndarray, tolerance: float = RANK_TOLERANCE) -> np.ndarray
     that is not finite.
     """
     k, n = rows.shape
-    left, along = rows.copy(), np.zeros(k)
-    basis, taken = np.zeros((min(k, n), n)), np.zeros(k, np.bool_)
+    most = k if k < n else n
+    left, basis, along, used = np.empty((k, n)), np.empty((most, n)), np.zeros(k), np.zeros(k)
+    for i in range(k):
+        for x in range(n):
+            left[i, x] = rows[i, x]
     largest = 0.0
-    for count in range(min(k, n)):
+    for count in range(most):
         pivot, square = 0, -1.0
         for i in range(k):
-            if taken[i]:
+            if used[i] != 0:
                 continue
             size = dot(left[i], left[i])
             if not size <= square:  # the first NaN stays chosen
@@ -159,14 +136,18 @@ def row_space(rows: np.ndarray, tolerance: float = RANK_TOLERANCE) -> np.ndarray
         if count == 0:
             largest = norm
         if norm <= tolerance * largest:
-            return basis[:count].copy()
-        put(basis[count], left[pivot])
-        taken[pivot] = True
-        project_out(basis[count], basis, count, along)
-        divide(basis[count], np.sqrt(dot(basis[count], basis[count])))
+            return basis[:count]
+        row = basis[count]
+        for x in range(n):
+            row[x] = left[pivot, x]
+        used[pivot] = 1.0
+        project_out(row, basis, count, along)
+        norm = np.sqrt(dot(row, row))
+        for x in range(n):
+            row[x] /= norm
         for i in range(k):
-            if not taken[i]:
-                add(left[i], -dot(basis[count], left[i]), basis[count])
+            if used[i] == 0:
+                add(left[i], -dot(row, left[i]), row)
     return basis
 
 
@@ -177,33 +158,16 @@ def lq(rows: np.ndarray, basis: np.ndarray, triangle: np.ndarray) -> None:
     Fills the first k rows of `basis` and `triangle`.
     """
     for i in range(len(rows)):
-        put(basis[i], rows[i])
-        triangle[i] = 0.0
-        project_out(basis[i], basis, i, triangle[i])
-        norm = np.sqrt(dot(basis[i], basis[i]))
-        triangle[i, i] = norm
-        divide(basis[i], norm)
-
-
-@compiled_or(_substitute)
-def substitute(triangle: np.ndarray, right: np.ndarray) -> None:
-    """Solve triangle @ x = right, lower triangular (k, k); x overwrites `right` (k, c)."""
-    for i in range(len(right)):
-        for j in range(i):
-            for c in range(right.shape[1]):
-                right[i, c] -= triangle[i, j] * right[j, c]
-        for c in range(right.shape[1]):
-            right[i, c] /= triangle[i, i]
-
-
-@compiled_or(_substitute_back)
-def substitute_back(upper: np.ndarray, rows: np.ndarray) -> None:
-    """Solve upper @ x = row, upper triangular (k, k); x overwrites each of `rows` (c, k)."""
-    k = len(upper)
-    for i in range(k - 1, -1, -1):
-        for c in range(len(rows)):
-            rest = rows[c, i] - dot(upper[i, i + 1 : k], rows[c, i + 1 :])
-            rows[c, i] = rest / upper[i, i]
+        row, along = basis[i], triangle[i]
+        for x in range(len(row)):
+            row[x] = rows[i, x]
+        for j in range(len(along)):
+            along[j] = 0.0
+        project_out(row, basis, i, along)
+        norm = np.sqrt(dot(row, row))
+        along[i] = norm
+        for x in range(len(row)):
+            row[x] /= norm
 
 
 @compiled
@@ -212,16 +176,21 @@ def extend(basis: np.ndarray, count: int, rows: np.ndarray) -> int:
 
     Returns their new number, at most n or the number of rows of `basis`.
     """
-    room = min(basis.shape)
+    room, n = basis.shape
+    if n < room:
+        room = n
     along = np.zeros(room)
     for i in range(len(rows)):
         if count == room:
             break
-        put(basis[count], rows[i])
-        project_out(basis[count], basis, count, along)
-        norm = np.sqrt(dot(basis[count], basis[count]))
-        if norm > DEPENDENT * np.sqrt(dot(rows[i], rows[i])):
-            divide(basis[count], norm)
+        row, square = basis[count], dot(rows[i], rows[i])
+        for x in range(n):
+            row[x] = rows[i, x]
+        project_out(row, basis, count, along)
+        norm = np.sqrt(dot(row, row))
+        if norm > DEPENDENT * np.sqrt(square):
+            for x in range(n):
+                row[x] /= norm
             count += 1
     return count
 
@@ -273,8 +242,11 @@ def cholesky(M: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @compiled_or(_lu_solve)
 def lu_solve(A: np.ndarray, b: np.ndarray) -> bool:
-    """Solve A x = b by elimination with row pivots; x overwrites `b`. False if A is singular."""
-    n = len(b)
+    """Solve A x = b, A (n, n), by elimination with row pivots; False if A is singular.
+
+    x overwrites the first n of `b`; A is lost.
+    """
+    n = len(A)
     for k in range(n):
         pivot, largest = k, abs(A[k, k])
         for i in range(k + 1, n):
@@ -315,8 +287,9 @@ def solve_rows(system: np.ndarray) -> None:
         if pivot != k:
             for j in range(k, width):
                 system[k, j], system[pivot, j] = system[pivot, j], system[k, j]
-        row = system[k, k:]
-        divide(row, row[0])
+        row, pivoted = system[k, k:], system[k, k]
+        for j in range(len(row)):
+            row[j] /= pivoted
         for i in range(n):
             if i != k:
                 add(system[i, k:], -system[i, k], row)
@@ -375,15 +348,14 @@ def jacobi_svd(rows: np.ndarray, turned: np.ndarray) -> None:
                 if slope < 0:
                     t = -t
                 cosine = 1 / np.sqrt(1 + t * t)
-                _rotate(rows, p, q, cosine, cosine * t)
-                _rotate(turned, p, q, cosine, cosine * t)
+                sine = cosine * t
+                for x in range(rows.shape[1]):
+                    first, second = rows[p, x], rows[q, x]
+                    rows[p, x] = cosine * first - sine * second
+                    rows[q, x] = sine * first + cosine * second
+                for x in range(turned.shape[1]):
+                    first, second = turned[p, x], turned[q, x]
+                    turned[p, x] = cosine * first - sine * second
+                    turned[q, x] = sine * first + cosine * second
         if not turns:
             return
-
-
-@compiled
-def _rotate(rows, p, q, cosine, sine):
-    for x in range(rows.shape[1]):
-        first, second = rows[p, x], rows[q, x]
-        rows[p, x] = cosine * first - sine * second
-        rows[q, x] = sine * first + cosine * second

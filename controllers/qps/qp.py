@@ -20,7 +20,7 @@ import numpy as np
 from proxsuite import proxqp
 
 from softdyn.compiled import compiled
-from softdyn.controllers.qps.linear_algebra import add, lu_solve, put
+from softdyn.controllers.qps.linear_algebra import lu_solve
 
 # ProxQP's tolerances, in scaled variables. The coarse one mostly gives the active set, from which
 # polishing finds the optimum. If polishing fails and DAQP fails too, ProxQP solves to the fine one.
@@ -248,7 +248,10 @@ def _scale(H, g, A, lower, upper, H2, g2, A2, lower2, upper2, scale, norms):
             square += A2[i, j] * A2[i, j]
         norms[i] = np.sqrt(square) if square != 0 else 1.0
         lower2[i], upper2[i] = lower[i] / norms[i], upper[i] / norms[i]
-        size = max(size, lower2[i], -upper2[i])
+        if lower2[i] > size:
+            size = lower2[i]
+        if -upper2[i] > size:
+            size = -upper2[i]
     sane = size < np.inf
     for i in range(n):
         g2[i] /= size
@@ -268,49 +271,59 @@ def _scale(H, g, A, lower, upper, H2, g2, A2, lower2, upper2, scale, norms):
 @compiled
 def _residuals(H, g, A, lower, upper, x, z):
     n, rows = len(x), len(z)
-    Hx, Ax, Atz = _times(H, x), _times(A, x), np.zeros(n)
     quadratic = linear = support = dual = primal = 0.0
     dual_scale = largest = 1.0
+    Ax = np.empty(rows)
     for i in range(rows):
-        add(Atz, z[i], A[i])
-        largest = _larger(largest, abs(Ax[i]))
+        Ax[i] = 0.0
+        for j in range(n):
+            Ax[i] += A[i, j] * x[j]
+        if not abs(Ax[i]) <= largest:  # NaN stays
+            largest = abs(Ax[i])
     for i in range(n):
-        quadratic += x[i] * Hx[i]
+        Hx = Atz = 0.0
+        for j in range(n):
+            Hx += H[i, j] * x[j]
+        for j in range(rows):
+            Atz += z[j] * A[j, i]
+        quadratic += x[i] * Hx
         linear += x[i] * g[i]
-        dual = _larger(dual, abs(Hx[i] + g[i] + Atz[i]))
-        dual_scale = max(dual_scale, abs(Hx[i]), abs(g[i]), abs(Atz[i]))
+        if not abs(Hx + g[i] + Atz) <= dual:
+            dual = abs(Hx + g[i] + Atz)
+        if abs(Hx) > dual_scale:
+            dual_scale = abs(Hx)
+        if abs(g[i]) > dual_scale:
+            dual_scale = abs(g[i])
+        if abs(Atz) > dual_scale:
+            dual_scale = abs(Atz)
     for i in range(rows):
-        excess = max(0.0, lower[i] - Ax[i], Ax[i] - upper[i])
-        width = upper[i] - lower[i]
+        excess, width = Ax[i] - upper[i], upper[i] - lower[i]
+        if lower[i] - Ax[i] > excess:
+            excess = lower[i] - Ax[i]
+        if excess < 0:
+            excess = 0.0
         if 0 < width < 1:
             # for a narrow row the error is relative to the width of its bounds, which may be less
             # than the rounding of numbers of order one
-            primal = _larger(primal, _larger(0.0, excess - ROUNDING * largest) / width)
+            excess -= ROUNDING * largest
+            share = excess / width if not excess <= 0 else 0.0
         else:
-            primal = _larger(primal, excess / largest)
+            share = excess / largest
+        if not share <= primal:
+            primal = share
         # Lagrangian duality: xᵀHx + gᵀx + Σ (z⁺ upper - z⁻ lower) = 0 at the optimum
         if z[i] != 0:
             support += z[i] * (upper[i] if z[i] > 0 else lower[i])
-    gap = abs(quadratic + linear + support)
+    gap, scale = abs(quadratic + linear + support), 1.0
     if not gap < np.inf:  # a multiplier on an open bound, or NaN
         return primal, dual / dual_scale, np.inf
-    return primal, dual / dual_scale, gap / max(1.0, abs(quadratic), abs(linear), abs(support))
-
-
-@compiled
-def _times(A, x):
-    """A x, each sum in the order of its terms."""
-    result = np.zeros(len(A))
-    for i in range(len(A)):
-        for j in range(len(x)):
-            result[i] += A[i, j] * x[j]
-    return result
-
-
-@compiled
-def _larger(a, b):
-    """The larger of two; NaN if one is NaN."""
-    return b if not b <= a else a
+    if abs(quadratic) > scale:
+        scale = abs(quadratic)
+    if abs(linear) > scale:
+        scale = abs(linear)
+    if abs(support) > scale:
+        scale = abs(support)
+    return primal, dual / dual_scale, gap / scale
 
 
 @compiled
@@ -321,11 +334,13 @@ def _polish(H, g, A, lower, upper, x, z):
     target = np.empty(n + rows)
     for i in range(n):
         target[i] = -g[i]
-    Ax = _times(A, x)
     for i in range(rows):
-        if z[i] > upper[i] - Ax[i]:
+        Ax = 0.0
+        for j in range(n):
+            Ax += A[i, j] * x[j]
+        if z[i] > upper[i] - Ax:
             target[n + count] = upper[i]
-        elif -z[i] > Ax[i] - lower[i]:
+        elif -z[i] > Ax - lower[i]:
             target[n + count] = lower[i]
         else:
             continue
@@ -333,14 +348,16 @@ def _polish(H, g, A, lower, upper, x, z):
         count += 1
     kkt = np.zeros((n + count, n + count))
     for i in range(n):
-        put(kkt[i, :n], H[i])
-    for k in range(count):
-        for i in range(n):
+        for j in range(n):
+            kkt[i, j] = H[i, j]
+        for k in range(count):
             kkt[n + k, i] = kkt[i, n + k] = A[active[k], i]
-    if not lu_solve(kkt, target[: n + count]):
+    if not lu_solve(kkt, target):
         return False
-    put(x, target[:n])
-    z[:] = 0.0
+    for i in range(n):
+        x[i] = target[i]
+    for i in range(rows):
+        z[i] = 0.0
     for k in range(count):
         z[active[k]] = target[n + k]
     return True
@@ -349,36 +366,30 @@ def _polish(H, g, A, lower, upper, x, z):
 @compiled
 def _refined(H, g, A, lower, upper, x, z, scale, norms, size):
     """The polished answer if it is the optimum, else (x, z); unscaled, with its residuals."""
-    x, z = x.copy(), z.copy()
-    primal = dual = gap = np.inf
-    if _finite(x) and _finite(z):
+    n, rows, total = len(x), len(z), 0.0
+    x1, z1, x2, z2 = np.empty(n), np.empty(rows), np.empty(n), np.empty(rows)
+    for i in range(n):
+        x1[i] = x2[i] = x[i]
+        total += abs(x[i])
+    for i in range(rows):
         # an open bound has no multiplier; setting it to zero leaves a dual residual
-        for i in range(len(z)):
-            if (z[i] > 0 and upper[i] == np.inf) or (z[i] < 0 and lower[i] == -np.inf):
-                z[i] = 0.0
-        x2, z2 = x.copy(), z.copy()
+        closed = not ((z[i] > 0 and upper[i] == np.inf) or (z[i] < 0 and lower[i] == -np.inf))
+        z1[i] = z2[i] = z[i] if closed else 0.0
+        total += abs(z[i])
+    primal = dual = gap = np.inf
+    optimal = False
+    if total < np.inf:
         for _ in range(POLISH_STEPS):
             if not _polish(H, g, A, lower, upper, x2, z2):
                 break
             primal, dual, gap = _residuals(H, g, A, lower, upper, x2, z2)
-            if primal <= FINE and dual <= FINE and gap <= FINE:  # NaN is not
-                return *_unscaled(x2, z2, scale, norms, size), primal, dual, gap
-        primal, dual, gap = _residuals(H, g, A, lower, upper, x, z)
-    return *_unscaled(x, z, scale, norms, size), primal, dual, gap
-
-
-@compiled
-def _finite(values):
-    total = 0.0
-    for value in values:
-        total += abs(value)
-    return total < np.inf
-
-
-@compiled
-def _unscaled(x, z, scale, norms, size):
-    for i in range(len(x)):
-        x[i] *= scale[i] * size
-    for i in range(len(z)):
-        z[i] = z[i] / norms[i] * size
-    return x, z
+            optimal = primal <= FINE and dual <= FINE and gap <= FINE  # NaN is not
+            if optimal:
+                break
+        if not optimal:
+            primal, dual, gap = _residuals(H, g, A, lower, upper, x1, z1)
+    for i in range(n):
+        x1[i] = (x2[i] if optimal else x1[i]) * (scale[i] * size)
+    for i in range(rows):
+        z1[i] = (z2[i] if optimal else z1[i]) / norms[i] * size
+    return x1, z1, primal, dual, gap

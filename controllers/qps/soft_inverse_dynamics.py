@@ -28,7 +28,6 @@ from softdyn.controllers.qps.linear_algebra import (
     inner,
     lq,
     row_space,
-    substitute,
 )
 from softdyn.controllers.qps.stacked_error import TaskRows
 from softdyn.controllers.qps.task_qp import Condensed
@@ -67,20 +66,15 @@ class SoftInverseDynamics:
     def condense(self, state: State, M: np.ndarray, h: np.ndarray, tip: TaskRows) -> Condensed:
         """The QP at this state."""
         if state.B is not self._B:
-            self._span, self._span_B = range_of(state.B.T)
-            self._B = state.B
+            # orthonormal rows U (a, n) that span range(B), and U B (a, m)
+            Bt, self._B = state.B.T, state.B
+            self._span = row_space(Bt, RANK_TOLERANCE)
+            self._span_B = inner(self._span, Bt)
         _condense(
             M, h, state.v, tip.J, tip.Jdot, tip.ydot, self._span, self._span_B,
             tip.mu_ref, tip.yddot, self._u_ref, self._weights, *self._condensed,
         )  # fmt: skip
         return self._condensed
-
-
-@compiled
-def range_of(Bt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Orthonormal rows U (a, n) that span range(B), and U B (a, m), from Bᵀ (m, n)."""
-    span = row_space(Bt, RANK_TOLERANCE)
-    return span, inner(span, Bt)
 
 
 @compiled
@@ -91,7 +85,7 @@ def _condense(
     a, m = span_B.shape
     n, size = len(v), len(g)
     row_basis = row_space(J, RANK_TOLERANCE)
-    r = len(row_basis)
+    r, both = len(row_basis), w2 + w4
     Z, triangle, right = np.empty((a + r, n)), np.empty((a, a)), np.empty((a, m + 1))
     if a:
         # The actuated rows come first, because their triangle is no worse conditioned than M for
@@ -102,31 +96,43 @@ def _condense(
             for j in range(m):
                 right[i, j] = span_B[i, j]
             right[i, m] = c * dot(actuated[i], v) - dot(span[i], h)
-        substitute(triangle, right)
+            for j in range(m + 1):
+                for x in range(i):
+                    right[i, j] -= triangle[i, x] * right[x, j]
+                right[i, j] /= triangle[i, i]
     k = extend(Z, a, row_basis)
 
-    # z = z_0 + Y x in the unknowns x = (u, z[a:], padding), with Y = [right 0; 0 I].
-    # `along` is J Zᵀ, and R is row_basis Zᵀ.
-    along, R = inner(J, Z[:k]), inner(row_basis, Z[:k])
-    RY, Rz, Rv = np.zeros((r, size)), np.zeros(r), np.zeros(r)
-    _through(R, right, a, k, RY, Rz)
-    _through(along, right, a, k, mu_map, mu_0)
-    for x in range(r):
-        Rv[x] = dot(row_basis[x], v)
-    short = np.empty(len(J))
+    # z = z_0 + Y x in the unknowns x = (u, z[a:], padding), with Y = [right 0; 0 I]
+    RY, Rz, none = np.empty((r, size)), np.empty(r), np.zeros(r)
+    task, short = np.empty((len(J), n)), np.empty(len(J))
+    for x in range(len(J)):
+        for i in range(n):
+            task[x, i] = J[x, i]  # a State's J is read-only, another type
+    _through(row_basis, Z, right, k, RY, Rz)
+    _through(task, Z, right, k, mu_map, mu_0)
     for x in range(len(J)):
         mu_0[x] += dot(Jdot[x], v) - yddot[x] - c * ydot[x]
         short[x] = mu_0[x] - mu_ref[x]
 
-    # w2 ‖q̈‖² + w4 ‖N (q̈ + D q̇)‖² is (w2 + w4) ‖z‖² - w4 ‖R z‖² - 2 w2 c (R z)·(row_basis q̇) + const
-    both = w2 + w4
-    H[:], g[:] = 0.0, 0.0
+    # with R = row_basis Zᵀ, w2 ‖q̈‖² + w4 ‖N (q̈ + D q̇)‖² is
+    # (w2 + w4) ‖z‖² - w4 ‖R z‖² - 2 w2 c (R z)·(row_basis q̇) + const
+    for i in range(size):
+        g[i] = 0.0
+        for j in range(size):
+            H[i, j] = 0.0
     add_squares(H, g, w1, mu_map, short)
-    add_squares(H, g, -w4, RY, np.zeros(r))
+    add_squares(H, g, -w4, RY, none)
     for x in range(r):
-        add(g, -2 * (w4 * Rz[x] + w2 * c * Rv[x]), RY[x])
-    add_squares(H[:m, :m], g[:m], both, right[:, :m], right[:, m])
+        add(g, -2 * (w4 * Rz[x] + w2 * c * dot(row_basis[x], v)), RY[x])
+    for x in range(a):
+        for i in range(m):
+            part = 2 * both * right[x, i]
+            g[i] += part * right[x, m]
+            for j in range(i + 1):
+                H[i, j] += part * right[x, j]
     for i in range(m):
+        for j in range(i):
+            H[j, i] = H[i, j]
         H[i, i] += 2 * w3
         g[i] -= 2 * w3 * u_ref[i]
     for i in range(m, size):
@@ -134,16 +140,18 @@ def _condense(
 
 
 @compiled
-def _through(rows, right, a, k, product, constant):
-    """Write rows (p, k) times Y into `product` (p, size), and times z_0 into `constant` (p,)."""
-    m = right.shape[1] - 1
+def _through(rows, Z, right, k, product, constant):
+    """Write rows Zᵀ (p, k) times Y into `product` (p, size), and times z_0 into `constant` (p,)."""
+    a, m = len(right), right.shape[1] - 1
     for x in range(len(rows)):
         for j in range(product.shape[1]):
             product[x, j] = 0.0
         constant[x] = 0.0
-        for i in range(a):
-            for j in range(m):
-                product[x, j] += rows[x, i] * right[i, j]
-            constant[x] += rows[x, i] * right[i, m]
-        for i in range(a, k):
-            product[x, m + i - a] = rows[x, i]
+        for i in range(k):
+            along = dot(rows[x], Z[i])
+            if i < a:
+                for j in range(m):
+                    product[x, j] += along * right[i, j]
+                constant[x] += along * right[i, m]
+            else:
+                product[x, m + i - a] = along

@@ -15,10 +15,9 @@ import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.checks import instances
-from softdyn.compiled import compiled
+from softdyn.controllers.controller import SILENT
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.clf import make_clf
-from softdyn.controllers.qps.linear_algebra import dot
 from softdyn.controllers.qps.tip_error import TipError
 from softdyn.tasks.frames import FrameStack, PointTask, frame_error
 from softdyn.tasks.task import Task, TaskError
@@ -152,10 +151,24 @@ class StackedError:
         for task, part in self._others:
             found = evaluated(task, part.stop - part.start, state, reference)
             values[0, part], values[1, part], jacobian[part], values[2, part] = found
-        self.V = _stack(
-            values, jacobian, state.v, self.roots, self._Kp, self._levels, *self._numbers,
-            *self._filled,
-        )  # fmt: skip
+        self._scale(state.v)
+
+    @SILENT
+    def _scale(self, v: np.ndarray) -> None:
+        """Scale the rows; fill (μ_ref, ÿ_ref, row, J q̇), J, the levels' bounds and V."""
+        (found, jacobian), (vectors, J, bounds) = self._found, self._filled
+        eps, P, Q, R = self._numbers
+        e, edot, drift = self.roots * found
+        np.multiply(self.roots[:, None], jacobian, out=J)
+        vectors[0] = -2 * np.sqrt(self._Kp) * edot - self._Kp * e
+        vectors[1] = -drift
+        half = Q * e + R * edot
+        vectors[2] = 2 * half
+        vectors[3] = J @ v
+        pull = P * e + Q * edot
+        V = e * pull + edot * half
+        bounds[:] = -np.bincount(self._levels, V / eps + 2 * pull * edot, len(bounds))
+        self.V = float(V.sum())
 
 
 def several_levels(error: TaskRows) -> bool:
@@ -222,22 +235,3 @@ def checked_tasks(model: SoftModel, tasks: Sequence[Task] | None) -> tuple[tuple
     only = found[0]
     plain = isinstance(only, PointTask) and only.plain and only.link == model.robot.task
     return found, plain and len(found) == 1
-
-
-@compiled
-def _stack(found, jacobian, v, root, Kp, levels, eps, P, Q, R, vectors, J, bounds):
-    """Scale rows; fill (μ_ref, ÿ_ref, row, J q̇), J and the levels' bounds; return V."""
-    bounds[:] = 0.0
-    total = 0.0
-    for x in range(len(root)):
-        e, edot = root[x] * found[0, x], root[x] * found[1, x]
-        for k in range(len(v)):
-            J[x, k] = root[x] * jacobian[x, k]
-        vectors[0, x] = -2 * np.sqrt(Kp[x]) * edot - Kp[x] * e
-        vectors[1, x] = -root[x] * found[2, x]
-        vectors[2, x] = 2 * (Q * e + R * edot)
-        vectors[3, x] = dot(J[x], v)
-        V = e * (P * e + Q * edot) + edot * (Q * e + R * edot)
-        total += V
-        bounds[levels[x]] -= V / eps + 2 * (P * e + Q * edot) * edot
-    return total

@@ -33,14 +33,12 @@ import numpy as np
 import pinocchio as pin
 
 from softdyn.checks import vector
-from softdyn.compiled import compiled
 from softdyn.description.rig import Actuator
 from softdyn.description.robot import sliding
 from softdyn.dynamics.engine import Scratch
 from softdyn.dynamics.model import SoftModel, check_model, taut_gains
 from softdyn.dynamics.points import BodyPoint
 from softdyn.dynamics.projection import Projection, underlying_tree
-from softdyn.dynamics.tendons import segment_curvature
 from softdyn.dynamics.winches import Winches
 
 
@@ -154,7 +152,6 @@ class ForceBalance:
         motors = model.robot.actuators if motors is None else motors
         self._winches = Winches(model, motors) if any(one.is_winch for one in motors) else None
         self._stretches = bool(tree.tendon_stiffness.any() or tree.tendon_damping.any())
-        self._joints = np.column_stack((tree.stiffness, tree.rest, tree.damping))
         self._gears = np.zeros((len(tree.tendons.names), tree.nu))
         self._gears[tree.actuated, np.arange(tree.nu)] = tree.gear
         self._wraps = tree.tendons.wraps
@@ -217,12 +214,17 @@ class ForceBalance:
         placed = self._wraps.at(*kinematics[1:]) if self._wraps else None
         lengths, arms = tree.tendons.geometry(coordinates, *kinematics, placed)
         pull = self._pull(lengths, arms, v, commands)
-        add_compliance(
-            r, by_q, by_v, coordinates, v, self._joints, arms, pull.force, pull.gain, pull.damping,
-            *kinematics, *tree.tendons.segments,
-        )  # fmt: skip
-        if placed is not None:
-            placed.add_compliance(by_q, pull.force, pull.damping, arms, v, kinematics[0])
+        r += tree.stiffness * (coordinates - tree.rest) + tree.damping * v - pull.force @ arms
+        by_q.flat[:: n + 1] += tree.stiffness
+        by_v.flat[:: n + 1] += tree.damping
+        if pull.gain is not self._none:
+            by_q += arms.T @ (pull.gain[:, None] * arms)
+            by_v += arms.T @ (pull.damping[:, None] * arms)
+        if tree.tendons.spatial:
+            bend, rates = tree.tendons.curvature(*kinematics, pull.force, v, placed)
+            by_q -= bend
+            if pull.damping.any():
+                by_q += arms.T @ (pull.damping[:, None] * rates)
         by_d = np.zeros((n, self._size))
         terms = BalanceTerms(r, by_q, by_v, M, arms.T @ pull.slope, by_d, pull.inputs)
         if self._size:
@@ -283,57 +285,6 @@ class ForceBalance:
                 (by_q, by_v, M), blocks, (mass, inertia, inertia), strict=True
             ):
                 term += factor * block.reshape(n, n)
-
-
-@compiled
-def add_compliance(
-    residual, by_q, by_v, coordinates, v, joints, arms, force, gain, damping, S, rotations,
-    translations, bodies, offsets, pairs, signs,
-):  # fmt: skip
-    """Add springs and dampers of the joints, and subtract αᵀ f of the tendons.
-
-    Parameters
-    ----------
-    residual, by_q, by_v : ndarray, (n,), (n, n), (n, n)
-        They are changed.
-    coordinates, v : ndarray, (n,)
-        Joint coordinates and velocities.
-    joints : ndarray, (n, 3)
-        Stiffness, rest, damping.
-    arms : ndarray, (tendons, n)
-        Moment arms α.
-    force, gain, damping : ndarray, (tendons,)
-        Fields of `TendonPull`.
-    S, rotations, translations, bodies, offsets, pairs, signs : ndarray
-        As in `softdyn.dynamics.tendons.segment_curvature`.
-    """
-    n, damps = len(v), False
-    for i in range(n):
-        residual[i] += joints[i, 0] * (coordinates[i] - joints[i, 1]) + joints[i, 2] * v[i]
-        by_q[i, i] += joints[i, 0]
-        by_v[i, i] += joints[i, 2]
-    for t in range(len(force)):
-        damps |= damping[t] != 0
-        for i in range(n):
-            arm = arms[t, i]
-            if arm != 0:
-                residual[i] -= arm * force[t]
-                if gain[t] != 0 or damping[t] != 0:
-                    for j in range(n):
-                        by_q[i, j] += gain[t] * arm * arms[t, j]
-                        by_v[i, j] += damping[t] * arm * arms[t, j]
-    if len(bodies) > 0:
-        bend, rates = segment_curvature(
-            S, rotations, translations, bodies, offsets, pairs, signs, force, v
-        )
-        for i in range(n):
-            for j in range(n):
-                by_q[i, j] -= bend[i, j]
-        if damps:
-            for t in range(len(force)):
-                for i in range(n):
-                    for j in range(n):
-                        by_q[i, j] += damping[t] * arms[t, i] * rates[t, j]
 
 
 def _point_mass(engine: pin.Model, at: BodyPoint) -> pin.Model:

@@ -79,7 +79,7 @@ def joint_terms(joint_rows):
 
 
 def tendon_terms(joint_rows, tendons):
-    """Moment arms and Bᵀ, which `spatial_terms` writes after the `joint_terms`."""
+    """Moment arms and Bᵀ, after the `joint_terms`."""
     first = joint_rows.shape[1] + JOINT_TERMS
     return joint_rows[first : first + tendons], joint_rows[first + tendons :]
 
@@ -89,47 +89,13 @@ def tip_terms(tip_and_lengths):
     return tip_and_lengths[:3], tip_and_lengths[3:6], tip_and_lengths[6:]
 
 
-# Python code uses the uncompiled functions: for slices they are faster than a call of a kernel
-_joint_terms = compiled(joint_terms, inline=True)
-_tendon_terms = compiled(tendon_terms, inline=True)
-_tip_terms = compiled(tip_terms, inline=True)
-
-
 @compiled
-def fixed_terms(
-    joint_rows, tip_and_lengths, v, coordinates, bias, S, momenta, centre, rotations, translations,
-    tip, tip_offset, tree, gravity, joints, tendons, coefficients,
-):  # fmt: skip
-    """All terms of a robot with constant moment arms.
-
-    Parameters
-    ----------
-    joint_rows : ndarray, (n + 10, n)
-        Filled with the `joint_terms`.
-    tip_and_lengths : ndarray, (6 + tendons,)
-        Filled with the `tip_terms`.
-    v, coordinates : ndarray, (n,)
-        Joint velocities and coordinates.
-    bias, S, momenta, centre, rotations, translations : ndarray
-        Fields of `softdyn.dynamics.engine.Memory`.
-    tip, tip_offset, tree, gravity, joints, tendons, coefficients : ndarray
-        Fields of `Constants`.
-    """
-    M, J, Jdot, bias_out, K, h, g = _joint_terms(joint_rows)
-    y, ydot, lengths = _tip_terms(tip_and_lengths)
-    _tip(J, Jdot, y, ydot, v, S, rotations, translations, tip, tip_offset, tree)
-    _inertia(M, g, S, momenta, centre, tree, gravity, joints)
-    _fixed_lengths(lengths, coordinates, tendons, coefficients)
-    _forces(bias_out, K, h, v, coordinates, bias, joints, tendons, lengths, coefficients)
-
-
-@compiled
-def spatial_terms(
+def state_terms(
     joint_rows, tip_and_lengths, v, coordinates, bias, S, momenta, centre, rotations, translations,
     tip, tip_offset, tree, gravity, joints, tendons, coefficients,
     bodies, offsets, pairs, signs, actuated, gear,
 ):  # fmt: skip
-    """All terms of a robot whose moment arms change with q.
+    """All terms of a State, in plain loops: slices and array expressions take long to compile.
 
     Parameters
     ----------
@@ -148,128 +114,93 @@ def spatial_terms(
     actuated, gear : ndarray, (m,)
         The tendon of each input, and its gear.
     """
-    M, J, Jdot, bias_out, K, h, g = _joint_terms(joint_rows)
-    y, ydot, lengths = _tip_terms(tip_and_lengths)
-    arms, inputs = _tendon_terms(joint_rows, len(tendons))
-    _tip(J, Jdot, y, ydot, v, S, rotations, translations, tip, tip_offset, tree)
-    _inertia(M, g, S, momenta, centre, tree, gravity, joints)
-    _fixed_lengths(lengths, coordinates, tendons, coefficients)
-    for t in range(len(tendons)):
-        for k in range(len(v)):
-            arms[t, k] = coefficients[t, k]
-    moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pairs, signs)
-    for i in range(len(gear)):
-        for k in range(len(v)):
-            inputs[i, k] = gear[i] * arms[actuated[i], k]
-    _forces(bias_out, K, h, v, coordinates, bias, joints, tendons, lengths, arms)
+    n, count = len(v), len(tendons)
+    first = n + JOINT_TERMS
+    lengths, arms = tip_and_lengths[6:], joint_rows[first : first + count]
 
-
-@compiled
-def _fixed_lengths(lengths, coordinates, tendons, coefficients):
-    """Tendon lengths without the segments that change."""
-    for t in range(len(tendons)):
-        lengths[t] = tendons[t, 0]
-        for k in range(len(coordinates)):
-            lengths[t] += coefficients[t, k] * coordinates[k]
-
-
-@compiled
-def _inertia(M, g, S, momenta, centre, tree, gravity, joints):
-    """M, armature included, and g."""
-    n = len(S)
-    x, y, z = centre[0], centre[1], centre[2]
-    columns = S.T.copy()
+    # the tip's position y, and the bodies' twists with the tip's Jacobian and velocity
+    y, ydot = tip_and_lengths[:3], tip_and_lengths[3:6]
+    for i in range(3):
+        y[i], ydot[i] = translations[tip, i], 0.0
+        for j in range(3):
+            y[i] += rotations[tip, i, j] * tip_offset[j]
+    twists, turned, force = np.zeros((len(translations), 6)), np.empty(3), np.empty(6)
     for k in range(n):
-        a, b, c = momenta[k, 0], momenta[k, 1], momenta[k, 2]
-        g[k] = -(a * gravity[0] + b * gravity[1] + c * gravity[2])
-        d, e, f = (
-            momenta[k, 3] + y * c - z * b,
-            momenta[k, 4] + z * a - x * c,
-            momenta[k, 5] + x * b - y * a,
-        )
-        row = M[k]
-        for j in range(k + 1):
-            value = (
-                a * columns[0, j] + b * columns[1, j] + c * columns[2, j]
-                + d * columns[3, j] + e * columns[4, j] + f * columns[5, j]
-            )  # fmt: skip
-            row[j] = value if tree[j, 3] > k else 0.0
-        row[k] += joints[k, 3]
-        for j in range(k):
-            M[j, k] = row[j]
-
-
-@compiled
-def _tip(J, Jdot, y, ydot, v, S, rotations, translations, tip, tip_offset, tree):
-    """J, J̇, y and ẏ."""
-    n = len(v)
-    twists = np.zeros((len(translations), 6))
-    for x in range(3):
-        y[x] = translations[tip, x]
-        for i in range(3):
-            y[x] += rotations[tip, x, i] * tip_offset[i]
-    ydot[:] = 0.0
-    for k in range(n):
-        if tree[k, 0]:
-            J[0, k] = S[k, 0] + S[k, 4] * y[2] - S[k, 5] * y[1]
-            J[1, k] = S[k, 1] + S[k, 5] * y[0] - S[k, 3] * y[2]
-            J[2, k] = S[k, 2] + S[k, 3] * y[1] - S[k, 4] * y[0]
-            for x in range(3):
-                ydot[x] += J[x, k] * v[k]
-        else:
-            for x in range(3):
-                J[x, k] = 0.0
+        for x in range(3):
+            i, j = (x + 1) % 3, (x + 2) % 3
+            moved = S[k, x] + S[k, 3 + i] * y[j] - S[k, 3 + j] * y[i] if tree[k, 0] else 0.0
+            joint_rows[n + x, k] = moved
+            ydot[x] += moved * v[k]
         for x in range(6):
             twists[tree[k, 1], x] = twists[tree[k, 2], x] + S[k, x] * v[k]
     for k in range(n):
-        if tree[k, 0]:
-            a, b, c, d, e, f = S[k, 0], S[k, 1], S[k, 2], S[k, 3], S[k, 4], S[k, 5]
-            twist = twists[tree[k, 1]]
-            vx, vy, vz, wx, wy, wz = twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]
-            # the rate of (d, e, f), and from it that of (a, b, c) + (d, e, f) × y
-            dd, de, df = wy * f - wz * e, wz * d - wx * f, wx * e - wy * d
-            Jdot[0, k] = (
-                wy * c - wz * b + vy * f - vz * e
-                + de * y[2] - df * y[1] + e * ydot[2] - f * ydot[1]
+        own = tree[k, 1]
+        for x in range(3):
+            i, j = (x + 1) % 3, (x + 2) % 3
+            # the rate of ω_k, and from it that of v_k + ω_k × y
+            turned[x] = twists[own, 3 + i] * S[k, 3 + j] - twists[own, 3 + j] * S[k, 3 + i]
+        for x in range(3):
+            i, j = (x + 1) % 3, (x + 2) % 3
+            rate = (
+                twists[own, 3 + i] * S[k, j] - twists[own, 3 + j] * S[k, i]
+                + twists[own, i] * S[k, 3 + j] - twists[own, j] * S[k, 3 + i]
+                + turned[i] * y[j] - turned[j] * y[i]
+                + S[k, 3 + i] * ydot[j] - S[k, 3 + j] * ydot[i]
             )  # fmt: skip
-            Jdot[1, k] = (
-                wz * a - wx * c + vz * d - vx * f
-                + df * y[0] - dd * y[2] + f * ydot[0] - d * ydot[2]
-            )  # fmt: skip
-            Jdot[2, k] = (
-                wx * b - wy * a + vx * e - vy * d
-                + dd * y[1] - de * y[0] + d * ydot[1] - e * ydot[0]
-            )  # fmt: skip
-        else:
-            for x in range(3):
-                Jdot[x, k] = 0.0
+            joint_rows[n + 3 + x, k] = rate if tree[k, 0] else 0.0
 
-
-@compiled
-def _forces(bias_out, K, h, v, coordinates, bias, joints, tendons, lengths, arms):
-    """Copy the bias, which Pinocchio overwrites later; compute K and h."""
-    n = len(v)
+    # M, armature included, and g, from the momenta about the origin
+    columns = np.empty((6, n))
     for k in range(n):
-        bias_out[k] = bias[k]
-        K[k] = joints[k, 0] * (coordinates[k] - joints[k, 1])
-        h[k] = joints[k, 2] * v[k]
-    for t in range(len(tendons)):
+        for i in range(6):
+            columns[i, k] = S[k, i]
+    for k in range(n):
+        weight = 0.0
+        for x in range(3):
+            i, j = (x + 1) % 3, (x + 2) % 3
+            force[x] = momenta[k, x]
+            force[3 + x] = momenta[k, 3 + x] + centre[i] * momenta[k, j] - centre[j] * momenta[k, i]
+            weight += momenta[k, x] * gravity[x]
+        joint_rows[n + 9, k] = -weight
+        for j in range(k + 1):
+            value = 0.0
+            for i in range(6):
+                value += force[i] * columns[i, j]
+            joint_rows[k, j] = value if tree[j, 3] > k else 0.0
+        joint_rows[k, k] += joints[k, 3]
+        for j in range(k):
+            joint_rows[j, k] = joint_rows[k, j]
+
+    # the tendons
+    for t in range(count):
+        length = tendons[t, 0]
+        for k in range(n):
+            arms[t, k] = coefficients[t, k]
+            length += coefficients[t, k] * coordinates[k]
+        lengths[t] = length
+    if len(bodies) > 0:
+        moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pairs, signs)
+    for i in range(len(gear)):
+        for k in range(n):
+            joint_rows[first + count + i, k] = gear[i] * arms[actuated[i], k]
+
+    # the bias is copied, because Pinocchio overwrites it later; K and h follow
+    for k in range(n):
+        joint_rows[n + 6, k] = bias[k]
+        joint_rows[n + 7, k] = joints[k, 0] * (coordinates[k] - joints[k, 1])
+        joint_rows[n + 8, k] = joints[k, 2] * v[k]
+    for t in range(count):
         stiffness, damping = tendons[t, 1], tendons[t, 3]
-        if tendons[t, 4] != 0:
-            force = 0.0
-            for k in range(n):
-                force += arms[t, k] * v[k]
-            if stiffness * (lengths[t] - tendons[t, 2]) + damping * force <= 0:
-                continue  # slack
-        if stiffness != 0:
-            force = stiffness * (lengths[t] - tendons[t, 2])
-            for k in range(n):
-                K[k] += arms[t, k] * force
-        if damping != 0:
-            force = 0.0
-            for k in range(n):
-                force += arms[t, k] * v[k]
-            for k in range(n):
-                h[k] += arms[t, k] * (damping * force)
+        if stiffness == 0 and damping == 0:
+            continue
+        rate = 0.0
+        for k in range(n):
+            rate += arms[t, k] * v[k]
+        stretched, damped = stiffness * (lengths[t] - tendons[t, 2]), damping * rate
+        if tendons[t, 4] != 0 and stretched + damped <= 0:
+            continue  # slack
+        for k in range(n):
+            joint_rows[n + 7, k] += arms[t, k] * stretched
+            joint_rows[n + 8, k] += arms[t, k] * damped
     for k in range(n):
-        h[k] += bias_out[k] + K[k]
+        joint_rows[n + 8, k] += joint_rows[n + 6, k] + joint_rows[n + 7, k]

@@ -166,6 +166,7 @@ class Tendons:
         translations: np.ndarray,
         force: np.ndarray,
         v: np.ndarray,
+        placed: PlacedPaths | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Σ f_t ∂²ℓ_t/∂q² (nv, nv), and the rates (tendons, nv) of the moment arms along q̇ = v.
 
@@ -179,12 +180,18 @@ class Tendons:
             The force f along each tendon.
         v : ndarray, (nv,)
             Velocity.
+        placed : PlacedPaths, optional
+            The pieces around round bodies at these poses, if they are known.
         """
-        if not v.flags.writeable:
-            v = v.copy()  # a read-only array would need a second compilation
-        total, rates = segment_curvature(S, rotations, translations, *self.segments, force, v)
+        if len(self.segments.bodies) == 0:
+            total, rates = np.zeros((len(v), len(v))), np.zeros((len(force), len(v)))
+        else:
+            if not v.flags.writeable:
+                v = v.copy()  # a read-only array would need a second compilation
+            total, rates = segment_curvature(S, rotations, translations, *self.segments, force, v)
         if self.wraps:
-            more = self.wraps.at(rotations, translations).curvature(S, force, v)
+            placed = self.wraps.at(rotations, translations) if placed is None else placed
+            more = placed.curvature(S, force, v)
             total, rates = total + more[0], rates + more[1]
         return total, rates
 
@@ -273,28 +280,26 @@ def segment_curvature(S, rotations, translations, bodies, offsets, pairs, signs,
         first = last
         while last < len(pairs) and pairs[last, 1] == s:
             k, sign = pairs[last, 0], signs[last]
-            w = S[k, 3:]
             for x in range(3):
                 p[x] = start[x] + (norm * d[x] if sign > 0 else 0.0)
-            columns[last, 0] = sign * (S[k, 0] + w[1] * p[2] - w[2] * p[1])
-            columns[last, 1] = sign * (S[k, 1] + w[2] * p[0] - w[0] * p[2])
-            columns[last, 2] = sign * (S[k, 2] + w[0] * p[1] - w[1] * p[0])
-            c = columns[last]
-            along[last] = c[0] * d[0] + c[1] * d[1] + c[2] * d[2]
+            along[last] = 0.0
+            for x in range(3):
+                y, z = (x + 1) % 3, (x + 2) % 3
+                columns[last, x] = sign * (S[k, x] + S[k, 3 + y] * p[z] - S[k, 3 + z] * p[y])
+                along[last] += columns[last, x] * d[x]
             last += 1
         for a in range(first, last):
             j = pairs[a, 0]
-            w = S[j, 3:]
             for b in range(a, last):
-                k, c = pairs[b, 0], columns[b]
+                k = pairs[b, 0]
                 value = -along[a] * along[b]
                 for x in range(3):
-                    value += columns[a, x] * c[x]
+                    value += columns[a, x] * columns[b, x]
                 value /= length
                 if signs[a] == signs[b]:
-                    value += w[0] * (c[1] * d[2] - c[2] * d[1])
-                    value += w[1] * (c[2] * d[0] - c[0] * d[2])
-                    value += w[2] * (c[0] * d[1] - c[1] * d[0])
+                    for x in range(3):
+                        y, z = (x + 1) % 3, (x + 2) % 3
+                        value += S[j, 3 + x] * (columns[b, y] * d[z] - columns[b, z] * d[y])
                 total[j, k] += force[t] * value
                 rates[t, j] += value * v[k]
                 if j != k:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -131,14 +130,12 @@ class TreeModel(SoftModel):
             ),
             coefficients=tendons.coefficients,
         )
-        self._constants: tuple[Any, ...] = constants
-        self._fill: Callable[..., None] = kernels.fixed_terms
-        rows, self._tip_and_lengths = self.nv + kernels.JOINT_TERMS, 6 + len(tendons.names)
-        if tendons.spatial:
-            self._constants += (*tendons.segments, self.actuated, self.gear.copy())
-            self._fill = kernels.spatial_terms
-            rows += len(tendons.names) + self.nu
-        self._joint_rows, self._spatial = (rows, self.nv), tendons.spatial
+        self._constants: tuple[Any, ...] = (
+            *constants, *tendons.segments, self.actuated, self.gear.copy(),
+        )  # fmt: skip
+        count, self._spatial = len(tendons.names), tendons.spatial
+        self._joint_rows = self.nv + kernels.JOINT_TERMS + count + self.nu, self.nv
+        self._tip_and_lengths = 6 + count
         self._damped = tendons.spatial and bool(self.tendon_damping.any())
         self._slackens = bool(self.tendon_slack.any())
         self._wraps = tendons.wraps
@@ -166,7 +163,7 @@ class TreeModel(SoftModel):
             scratch.arguments = (*scratch.memory, *self._constants)
         joint_rows, tip_and_lengths = np.empty(self._joint_rows), np.empty(self._tip_and_lengths)
         coordinates = q if self.nq == self.nv else self.chart.of(q)
-        self._fill(joint_rows, tip_and_lengths, v, coordinates, *scratch.arguments)
+        kernels.state_terms(joint_rows, tip_and_lengths, v, coordinates, *scratch.arguments)
         if self._wraps:
             self._around_bodies(joint_rows, tip_and_lengths, v, coordinates, scratch)
         if here is not q:

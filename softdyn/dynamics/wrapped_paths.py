@@ -173,19 +173,6 @@ class PlacedPaths:
         total = np.tensordot(force[self.paths.tendon], hessians, 1)
         return total, self.paths.owners @ (hessians @ v)
 
-    def add_compliance(
-        self,
-        by_q: np.ndarray,
-        force: np.ndarray,
-        damping: np.ndarray,
-        arms: np.ndarray,
-        v: np.ndarray,
-        S: np.ndarray,
-    ) -> None:
-        """Add the curvature's part of ∂(-αᵀ f)/∂q, as `softdyn.dynamics.balance` states it."""
-        total, rates = self.curvature(S, force, v)
-        by_q += arms.T @ (damping[:, None] * rates) - total
-
     def _by_points(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Gradients (pieces, k, nv) of quantities with gradients (pieces, k, 6) by both points."""
         found: np.ndarray = rows @ columns.transpose(0, 1, 3, 2).reshape(len(rows), 6, -1)

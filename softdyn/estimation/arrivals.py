@@ -32,7 +32,7 @@ from softdyn.checks import number
 from softdyn.description.rig import LONGEST_DELAY, Sensor, SensorKind
 from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.winches import Winches
-from softdyn.estimation.covariance import kept_rows
+from softdyn.estimation.covariance import submatrix
 from softdyn.sensing import Sensors
 
 SAME = 1e-3  # of a sampling interval or a step; times this close are one
@@ -134,7 +134,7 @@ class SensorChannel:
         self.error[:] = np.where(good, error, np.nan)
         return self.error
 
-    def waits(self, begin: float, end: float, stamped: bool = False) -> Iterator[float]:
+    def pending_times(self, begin: float, end: float, stamped: bool = False) -> Iterator[float]:
         """Own times in (begin, end] of readings that arrive later than that, in steps so long.
 
         Stamped readings may belong to any time, so that one prediction in each step waits: that of
@@ -263,7 +263,7 @@ class LateReadings:
             keep[rows] = one not in self._done
         self._waiting = [one for one in self._waiting if one not in self._done]
         self._done = []
-        return kept_rows(P, keep)
+        return submatrix(P, keep)
 
     def _rows(self) -> Iterator[tuple[LateReading, slice]]:
         first = self._first

@@ -15,7 +15,7 @@ from softdyn.dynamics.stops import Stops
 ROUNDED, RIDGE = 1e-12, 1e-12  # rad or m; share of a variance
 
 
-def predict(P, by_state, by_force, noise, held, step, moving, kept, added, turn, gained):
+def predict(P, by_state, by_force, noise, held, step, moving, decay, added, turn, gained):
     """Move the covariance P (s, s) over a step, q⁺ = q + T v⁺ and d⁺ of `softdyn.estimation.drift`.
 
     Parameters
@@ -30,7 +30,7 @@ def predict(P, by_state, by_force, noise, held, step, moving, kept, added, turn,
         T (s).
     moving : ndarray of int, (nr,)
         The disturbances with rates; their rates are the errors after the disturbances.
-    kept, added, turn, gained : ndarray
+    decay, added, turn, gained : ndarray
         Fields of `softdyn.estimation.drift.DriftStep`.
     """
     n, base = len(held), by_state.shape[1]
@@ -44,21 +44,23 @@ def predict(P, by_state, by_force, noise, held, step, moving, kept, added, turn,
     P[:n, n : 2 * n] = cross[:, :n].T + step * speed
     P[n : 2 * n, n : 2 * n] = speed
     P[n : 2 * n, 2 * n :] = cross[:, 2 * n :]
-    drifts = slice(2 * n, base)
-    P[: 2 * n, drifts] *= kept
-    P[drifts, 2 * n :] *= kept[:, None]
-    P[2 * n :, drifts] *= kept
+    if base > 2 * n:
+        drifts = slice(2 * n, base)
+        P[: 2 * n, drifts] *= decay
+        P[drifts, 2 * n :] *= decay[:, None]
+        P[2 * n :, drifts] *= decay
+        P[drifts, drifts] += np.diag(added)
     P[n : 2 * n, :n] = P[:n, n : 2 * n].T
     P[2 * n :, : 2 * n] = P[: 2 * n, 2 * n :].T
-    P[drifts, drifts] += np.diag(added)
     for k, drift in enumerate(moving):
         pair = [2 * n + drift, base + k]
         P[pair] = turn @ P[pair]
         P[:, pair] = P[:, pair] @ turn.T
         P[np.ix_(pair, pair)] += gained
     stopped = np.flatnonzero(held)
-    P[stopped] = 0.0
-    P[:, stopped] = 0.0
+    if stopped.size:
+        P[stopped] = 0.0
+        P[:, stopped] = 0.0
 
 
 def update(P, rows, errors, variances, change, gate):
@@ -119,10 +121,12 @@ def symmetrised(P):
     """Make P symmetric up to the last digit, and no variance negative by rounding; its trace."""
     P += P.T
     P *= 0.5
-    negative = np.flatnonzero(P.diagonal() < 0)
-    P[negative] = 0.0
-    P[:, negative] = 0.0
-    return P.trace()
+    variances = P.diagonal()
+    if variances.min(initial=0.0) < 0:
+        negative = np.flatnonzero(variances < 0)
+        P[negative] = 0.0
+        P[:, negative] = 0.0
+    return variances.sum()
 
 
 def append(P, jacobian):
@@ -136,7 +140,7 @@ def append(P, jacobian):
     return grown
 
 
-def kept_rows(P, keep):
+def submatrix(P, keep):
     """The covariance of the errors to keep (s,)."""
     chosen = np.flatnonzero(keep)
     return P.take(chosen, axis=0).take(chosen, axis=1)  # np.ix_ takes three times the memory

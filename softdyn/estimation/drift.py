@@ -22,13 +22,13 @@ class DriftStep(NamedTuple):
 
     Attributes
     ----------
-    kept, added : ndarray, (nd,)
+    decay, added : ndarray, (nd,)
         Factor of a component, and variance that it gains; 1 and 0 for one with a rate.
     turn, noise : ndarray, (2, 2)
         Transition of a component and its rate, and the covariance that they gain.
     """
 
-    kept: np.ndarray
+    decay: np.ndarray
     added: np.ndarray
     turn: np.ndarray
     noise: np.ndarray
@@ -73,27 +73,27 @@ class DisturbanceDrift:
 
     def over(self, step: float) -> DriftStep:
         """The processes over a step (s)."""
-        if step != self._step:
+        if step != self._step and len(self._slow):
             self._step, self._found = step, self._over(step)
         return self._found
 
     def _over(self, step: float) -> DriftStep:
         x, left = step / self._memory, math.exp(-step / self._memory)
-        kept, added = np.full(len(self._slow), left), self._slow * -math.expm1(-2 * x)
-        kept[self.moving], added[self.moving] = 1.0, 0.0
+        decay, added = np.full(len(self._slow), left), self._slow * -math.expm1(-2 * x)
+        decay[self.moving], added[self.moving] = 1.0, 0.0
         turn = left * np.array([[1 + x, step], [-x / self._memory, 1 - x]])
         gain = left * left
         place = max(1 - gain * (1 + 2 * x + 2 * x * x), 0.0)
         rate = max(1 - gain * (1 - 2 * x + 2 * x * x), 0.0)
         both = 2 * x * x * gain / self._memory
         noise = self._own * np.array([[place, both], [both, rate / self._memory**2]])
-        return DriftStep(kept, added, turn, noise)
+        return DriftStep(decay, added, turn, noise)
 
     def move(self, d: np.ndarray, step: float) -> None:
         """Move the components and rates (nd + nr,) over a step (s), in place."""
-        kept, _, turn, _ = self.over(step)
-        count = len(kept)
-        d[:count] *= kept
+        decay, _, turn, _ = self.over(step)
+        count = len(decay)
+        d[:count] *= decay
         if len(d) > count:
             force, rate = d[self.moving], d[count:].copy()
             d[self.moving] = turn[0, 0] * force + turn[0, 1] * rate

@@ -286,7 +286,9 @@ class Ekf(Separate):
         begin = t if first else self._time
         self._information *= math.exp((begin - t) / WINDOW)
         stamped = stamps is not None
-        waiting = [(own, one) for one in self._channels for own in one.waits(begin, t, stamped)]
+        waiting = [
+            (own, one) for one in self._channels for own in one.pending_times(begin, t, stamped)
+        ]
         waiting.sort(key=lambda pair: pair[0])
         # a camera's picture of this instant is expected once the other readings of it are known
         soon = [pair for pair in waiting if pair[0] < t - SAME * (t - begin)] if t > begin else []

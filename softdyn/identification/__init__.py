@@ -10,7 +10,8 @@
 them, and the residuals give the intervals.
 
 - `data`: measurements from arrays or a CSV file, and the samples that a stop disturbs;
-- `markers`: points that a camera measures; `taken`: their names, the camera, errors in the data;
+- `markers`: points that a camera measures;
+- `acquisition`: the names of the markers, the camera, errors in the data;
 - `unknowns`: kinds of unknowns, their columns in the equations of motion;
 - `parameters`: the unknowns of a fit, a model with other values; `design`: unknown numbers of an
   arm's TOML file;
@@ -28,6 +29,8 @@ them, and the residuals give the intervals.
 """
 
 from softdyn.csv_table import MAX_ROWS as MAX_ROWS
+from softdyn.identification.acquisition import doubts as doubts
+from softdyn.identification.acquisition import prepared as prepared
 from softdyn.identification.data import Measurements as Measurements
 from softdyn.identification.data import output_names as output_names
 from softdyn.identification.data import read_csv as read_csv
@@ -55,6 +58,4 @@ from softdyn.identification.problem import FitProblem as FitProblem
 from softdyn.identification.result import Estimate as Estimate
 from softdyn.identification.result import Identified as Identified
 from softdyn.identification.rewrite import rewritten as rewritten
-from softdyn.identification.taken import doubts as doubts
-from softdyn.identification.taken import prepared as prepared
 from softdyn.identification.unknowns.kinds import KINDS as KINDS

@@ -65,13 +65,13 @@ class DynamicFit(FitProblem):
     @classmethod
     def of(
         cls, model: SoftModel, data: Measurements, unknowns: tuple[Parameter, ...], step: float,
-        taken: Acquisition = PLAIN,
+        acquisition: Acquisition = PLAIN,
     ) -> DynamicFit:  # fmt: skip
         """The problem on the stretches of the data that no stop disturbs."""
         joints = data.joints(model)
         if joints is None:
             none, whole = np.zeros((len(data.t), model.nv), bool), ((0, len(data.t)),)
-            return cls(model, unknowns, data, whole, taken, step, None, none, none[0])
+            return cls(model, unknowns, data, whole, acquisition, step, None, none, none[0])
         smooth = smoothed(data, joints)
         stops = at_stops(model, smooth[0])
         held, runs = stretches(stops)
@@ -81,7 +81,7 @@ class DynamicFit(FitProblem):
         for begin, end in runs if held.any() else ():
             part = slice(begin, end)
             smooth[:, part, held] = smoothed(data.part(begin, end), joints[part][:, held])
-        return cls(model, unknowns, data, tuple(runs), taken, step, smooth, stops, held)
+        return cls(model, unknowns, data, tuple(runs), acquisition, step, smooth, stops, held)
 
     @staticmethod
     def cleaned(model: SoftModel, data: Measurements) -> Measurements:

@@ -224,9 +224,11 @@ def left_out(found: Fit, folds: int, forecast: Forecast = as_fitted) -> np.ndarr
     ]
     problem = replace(found.problem, unknowns=tuple(begin))
     data, rows = problem.data, np.arange(len(problem.data.t))
-    if not (problem.taken.static and 2 <= folds <= len(rows) and len(rows) > FEWEST):
+    if not (problem.acquisition.static and 2 <= folds <= len(rows) and len(rows) > FEWEST):
         expected = f"2 to {len(rows)} parts of static rows, {FEWEST + 1} or more"
-        raise InputError("folds", expected, folds if problem.taken.static else "data over time")
+        raise InputError(
+            "folds", expected, folds if problem.acquisition.static else "data over time"
+        )
     residuals = np.full(data.outputs.shape, np.nan)
     for k in range(folds):
         held = rows % folds == k

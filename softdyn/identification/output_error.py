@@ -37,7 +37,7 @@ def identify(
     *,
     hold_out: float = 0.2,
     step: float = np.inf,
-    taken: Acquisition = PLAIN,
+    acquisition: Acquisition = PLAIN,
 ) -> Identified:
     """Parameters of the model from measurements, by the output-error method.
 
@@ -64,7 +64,7 @@ def identify(
         Share of the data, at the end, that only tests the result; of static data every few rows.
     step : float
         Longest step (s) of the simulation; the samples' own by default.
-    taken : Acquisition
+    acquisition : Acquisition
         Whether the data are static, and how markers were seen.
 
     Raises
@@ -82,10 +82,10 @@ def identify(
         raise InputError("robot", "a fixed base and no mimic joints", model.name)
     distinct(unknowns)
     check_data(model, instance("data", data, Measurements, "Measurements"))
-    kind = _kind(taken)
+    kind = _kind(acquisition)
     data = kind.cleaned(model, data)
     keep, left_out = kind.parts(data, hold_out)
-    whole = kind.of(model, data.rows(keep), unknowns, _positive(step), taken)
+    whole = kind.of(model, data.rows(keep), unknowns, _positive(step), acquisition)
     found = fit(whole)
     for _ in range(CUTS):
         if (shorter := whole.shorter(found)) is None:
@@ -137,16 +137,16 @@ def problem_of(
     data: Measurements,
     unknowns: tuple[Parameter, ...],
     step: float = np.inf,
-    taken: Acquisition = PLAIN,
+    acquisition: Acquisition = PLAIN,
 ) -> StaticFit | DynamicFit:
     """The problem of these unknowns: of all static rows, or of stretches that no stop disturbs."""
     check_data(check_model(model), instance("data", data, Measurements, "Measurements"))
     unknowns = instances("unknowns", unknowns, Parameter, "a Parameter")
-    return _kind(taken).of(model, data, unknowns, _positive(step), taken)
+    return _kind(acquisition).of(model, data, unknowns, _positive(step), acquisition)
 
 
-def _kind(taken: Acquisition) -> type[StaticFit] | type[DynamicFit]:
-    static = instance("taken", taken, Acquisition, "an Acquisition").static
+def _kind(acquisition: Acquisition) -> type[StaticFit] | type[DynamicFit]:
+    static = instance("acquisition", acquisition, Acquisition, "an Acquisition").static
     return StaticFit if static else DynamicFit
 
 

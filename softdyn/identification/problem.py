@@ -70,7 +70,7 @@ class FitProblem(ABC):
     data : Measurements
     runs : tuple of (begin, end)
         Stretches of samples that are simulated.
-    taken : Acquisition
+    acquisition : Acquisition
         How the data were taken.
     """
 
@@ -78,7 +78,7 @@ class FitProblem(ABC):
     unknowns: tuple[Parameter, ...]
     data: Measurements
     runs: tuple[Run, ...]
-    taken: Acquisition
+    acquisition: Acquisition
 
     # -- what the two kinds do in their own way ----------------------------------------------------
 
@@ -188,13 +188,13 @@ class FitProblem(ABC):
 
     def seen(self, theta: np.ndarray) -> Acquisition:
         """The experiment with the camera of θ."""
-        if self.taken.view is None:
-            return self.taken
-        camera = np.array(self.taken.view.camera)
+        if self.acquisition.view is None:
+            return self.acquisition
+        camera = np.array(self.acquisition.view.camera)
         for one, value in zip(self.unknowns, theta, strict=True):
             if one.kind is SEEN:
                 camera[one.weights != 0] = value
-        return replace(self.taken, view=replace(self.taken.view, camera=camera))
+        return replace(self.acquisition, view=replace(self.acquisition.view, camera=camera))
 
     # -- residuals ---------------------------------------------------------------------------------
 

@@ -94,7 +94,7 @@ class Identified:
     @property
     def static(self) -> bool:
         """Whether each sample is an equilibrium."""
-        return self.fit.problem.taken.static
+        return self.fit.problem.acquisition.static
 
     @property
     def camera(self) -> np.ndarray | None:

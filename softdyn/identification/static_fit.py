@@ -26,10 +26,10 @@ class StaticFit(FitProblem):
     @classmethod
     def of(
         cls, model: SoftModel, data: Measurements, unknowns: tuple[Parameter, ...], step: float,
-        taken: Acquisition,
+        acquisition: Acquisition,
     ) -> StaticFit:  # fmt: skip
         """The problem of all rows; there are no steps over time."""
-        return cls(model, unknowns, data, ((0, len(data.t)),), taken)
+        return cls(model, unknowns, data, ((0, len(data.t)),), acquisition)
 
     @staticmethod
     def cleaned(model: SoftModel, data: Measurements) -> Measurements:
@@ -59,7 +59,7 @@ class StaticFit(FitProblem):
                 loss += value * one.weights
         data, part = self.data, slice(*run)
         way = None if data.direction is None else data.direction[part]
-        return Inputs(data.u[part], loss, way, self.taken.guesses)
+        return Inputs(data.u[part], loss, way, self.acquisition.guesses)
 
     def _late(self, model: SoftModel, run: Run, out: np.ndarray, slope: np.ndarray) -> None:
         """Nothing: a robot at rest has been there for long."""
@@ -91,7 +91,9 @@ class StaticFit(FitProblem):
 
     def held_out(self, found: Fit, data: Measurements, left_out: np.ndarray) -> np.ndarray:
         """Residuals (N, outputs) of the rows `left_out` of the data."""
-        there = StaticFit.of(self.base, data.rows(left_out), self.unknowns, np.inf, self.taken)
+        there = StaticFit.of(
+            self.base, data.rows(left_out), self.unknowns, np.inf, self.acquisition
+        )
         return there.data.outputs - there.outputs(found.theta, there.firsts())[0]
 
     def _pooled(self, noise: np.ndarray) -> np.ndarray:

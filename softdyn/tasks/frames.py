@@ -1,8 +1,6 @@
 """Tasks of a link's frame: a point, an orientation, a pose, a direction.
 
-All errors, targets and rates are in the world's axes; see `rotations` for those of angles. One
-kernel computes the errors of several tasks: a kernel for each, joined by NumPy, made a control step
-1.5 to 2 times as long.
+All errors, targets and rates are in the world's axes; see `rotations` for those of angles.
 """
 
 from __future__ import annotations
@@ -14,19 +12,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from softdyn.checks import array, unit
-from softdyn.compiled import compiled
 from softdyn.description.stated_task import TaskKind
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.exceptions import InputError
-from softdyn.tasks.link_motion import LinkKinematics, LinkMotion, frame_motion
+from softdyn.tasks.link_motion import ZERO, LinkKinematics, LinkMotion
 from softdyn.tasks.rotations import axis_terms, pose_terms
 from softdyn.tasks.targets import Target
 from softdyn.tasks.task import Task, TaskError, check_target
-
-KINDS: tuple[TaskKind | None, ...] = (
-    TaskKind.POSITION, TaskKind.ORIENTATION, TaskKind.POSE, TaskKind.AXIS,
-)  # fmt: skip
-POINT, ORIENTATION, POSE, AXIS = range(4)  # their numbers in the kernel
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +207,12 @@ class FrameStack:
     """
 
     def __init__(self, tasks: Sequence[FrameTask], rows: Sequence[tuple[int, int, int]]) -> None:
-        self._tasks, self._rows = tuple(tasks), np.array(rows)
+        self._tasks, self._given = tuple(tasks), tuple(rows)
+        # of each task the rows of its error, and those of the arrays
+        self._rows = [
+            np.array([(i, j) for task, i, j in rows if task == k], int).reshape(-1, 2).T
+            for k in range(len(self._tasks))
+        ]
         count = len(self._tasks)
         # the targets: poses and rotations, and before their rates points and directions
         self._poses, self._motions = np.zeros((count, 4, 4)), np.zeros((count, 3, 6))
@@ -224,7 +221,7 @@ class FrameStack:
         self._places: Any = ()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return FrameStack, (self._tasks, self._rows)
+        return FrameStack, (self._tasks, self._given)
 
     def take_from(self, reference: Any) -> None:
         """Check and copy the targets of a reference, unless they are those of the last one.
@@ -258,6 +255,7 @@ class FrameStack:
         goal[2, first : first + len(target.yddot)] = target.yddot
         self._held[k] = target
 
+    @np.errstate(all="ignore")  # a decorator
     def fill(self, state: State, values: np.ndarray, jacobian: np.ndarray) -> None:
         """Write error, rate and drift of the rows into `values` (3, r), and J (r, n).
 
@@ -268,72 +266,26 @@ class FrameStack:
         """
         kinematics = LinkKinematics.of(state.model)
         if kinematics is not self._kinematics:
-            self._find(kinematics)
-        S = kinematics.S
-        into = jacobian if S is None else np.empty((len(jacobian), len(S)))
-        arguments: Any = (
-            *kinematics.engine(state), *self._places, self._poses, self._motions, self._rows,
-            values, into,
-        )  # fmt: skip
-        _fill(*arguments)
-        if S is not None:
-            rows = self._rows[:, 2]
-            jacobian[rows] = into[rows] @ S
+            self._places = kinematics.places([(task.link, task.point) for task in self._tasks])
+            self._kinematics = kinematics
+        motions = kinematics.motions(state, self._places)
+        for k, (task, rows) in enumerate(zip(self._tasks, self._rows, strict=True)):
+            found, by_q = self._terms(k, task, LinkMotion(*(each[k] for each in motions)))
+            values[:, rows[1]], jacobian[rows[1]] = found[:, rows[0]], by_q[rows[0]]
 
-    def _find(self, kinematics: LinkKinematics) -> None:
-        """Collect the places of the frames in a model's bodies."""
-        both = [(task, kinematics.place(task.link, task.point)) for task in self._tasks]
-        own = np.zeros((len(both), 5, 3))
-        for k, (task, place) in enumerate(both):
-            own[k, :3], own[k, 3] = place.rotation, place.offset
-            own[k, 4] = getattr(task, "axis", 0.0)
-        codes = np.array([(KINDS.index(task.stated), place.body) for task, place in both])
-        self._places = codes, np.array([place.moves for _, place in both]), own
-        self._kinematics = kinematics
-
-
-@compiled
-def _fill(
-    S, rotations, translations, v, base, free, codes, moves, own, poses, motions, rows,
-    values, jacobian,
-):  # fmt: skip
-    n, x = len(v), 0
-    rotation, p, a, six = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((6, n))
-    velocity, drift, found = np.empty(6), np.empty(6), np.zeros((9, 6))
-    for k in range(len(codes)):
-        kind, goal = codes[k, 0], motions[k]
-        frame_motion(
-            S, rotations, translations, v, base, free, codes[k, 1], moves[k], own[k, :3],
-            own[k, 3], rotation, p, six, velocity, drift,
-        )  # fmt: skip
-        if kind == POINT:
-            for i in range(3):
-                found[0, i], found[1, i] = p[i] - goal[0, i], velocity[i] - goal[1, i]
-                found[2, i] = drift[i] - goal[2, i]
-        elif kind == AXIS:
-            for i in range(3):
-                a[i] = 0.0
-                for j in range(3):
-                    a[i] += rotation[i, j] * own[k, 4, j]
-            axis_terms(a, velocity[3:], drift[3:], goal[0, :3], goal[1, :3], goal[2, :3], found)
-        else:
-            if kind == ORIENTATION:
-                poses[k, :3, 3] = p
-            pose_terms(rotation, p, velocity, drift, poses[k], goal[1], goal[2], found)
-        while x < len(rows) and rows[x, 0] == k:
-            i, j = rows[x, 1], rows[x, 2]
-            if kind == ORIENTATION:
-                i += 3
-            for part in range(3):
-                values[part, j] = found[part, i]
-            for column in range(n):
-                if kind == POINT:
-                    jacobian[j, column] = six[i, column]
-                    continue
-                jacobian[j, column] = 0.0
-                for part in range(6):
-                    jacobian[j, column] += found[3 + part, i] * six[part, column]
-            x += 1
+    def _terms(self, k: int, task: FrameTask, at: LinkMotion) -> tuple[np.ndarray, np.ndarray]:
+        """Error, rate and drift (3, rows) of a task, and its Jacobian (rows, n)."""
+        goal, pose = self._motions[k], self._poses[k]
+        if task.stated is TaskKind.POSITION:
+            found = np.stack((at.position, at.velocity[:3], at.drift[:3]))
+            return found - goal[:, :3], at.jacobian[:3]
+        if task.stated is TaskKind.AXIS:
+            return axis_terms(at, getattr(task, "axis", ZERO), *goal[:, :3])
+        if task.stated is TaskKind.POSE:
+            return pose_terms(at, pose, goal[1], goal[2])
+        pose[:3, 3] = at.position
+        found, by_q = pose_terms(at, pose, goal[1], goal[2])
+        return found[:, 3:], by_q[3:]
 
 
 def tasks_of(model: SoftModel) -> list[Task]:

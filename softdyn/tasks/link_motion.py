@@ -6,8 +6,7 @@ acceleration is (a; α) = Σ (twist before joint k) × S_k q̇_k. For a point p 
 
     ṗ = V + W × p,    J̇ q̇ = a + α × p + W × ṗ.
 
-They come from one kernel, because Pinocchio's own functions of frames would make a control step
-with a pose 1.2 times as long, with two tasks 1.3 times, by their calls from Python.
+They come from one kernel for all frames, because barriers need those of all links in a step.
 """
 
 from __future__ import annotations
@@ -24,7 +23,6 @@ from softdyn.dynamics.engine import BASE, moved_bodies
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.dynamics.projection import underlying_tree
 from softdyn.exceptions import InputError
-from softdyn.tasks.rotations import cross_twists
 
 ZERO = np.zeros(3)
 ZERO.flags.writeable = False
@@ -114,15 +112,7 @@ class LinkKinematics:
         InputError
             For a link that the robot does not have.
         """
-        place = self.place(link, point)
-        rotation, position, six = np.empty((3, 3)), np.empty(3), np.empty((6, len(self._moves)))
-        velocity, drift = np.empty(6), np.empty(6)
-        arguments: Any = (
-            *self.engine(state), *place, rotation, position, six, velocity, drift,
-        )  # fmt: skip
-        frame_motion(*arguments)
-        six = six if self.S is None else six @ self.S
-        return LinkMotion(rotation, position, six, velocity, drift)
+        return LinkMotion(*(each[0] for each in self.motions(state, self.places([(link, point)]))))
 
     def motions(self, state: State, places: FramePlaces) -> LinkMotion:
         """The motions of several frames: every array has one more axis, the first."""
@@ -132,7 +122,7 @@ class LinkKinematics:
         arguments: Any = (
             *self.engine(state), *places, rotations, positions, six, velocities, drifts,
         )  # fmt: skip
-        _frame_motions(*arguments)
+        frame_motions(*arguments)
         six = six if self.S is None else six @ self.S
         return LinkMotion(rotations, positions, six, velocities, drifts)
 
@@ -158,7 +148,7 @@ class LinkKinematics:
         return self._places.get((link, point)) or self._find(link, point)
 
     def engine(self, state: State) -> tuple[Any, ...]:
-        """Arguments of `frame_motion`, views of the engine among them: use them at once.
+        """Arguments of `frame_motions`, views of the engine among them: use them at once.
 
         They are the tree's Jacobian columns (nt, 6), the bodies' rotations and translations, the
         tree's velocity (nt,), and the place (3,) and number of degrees of freedom of a floating
@@ -189,51 +179,44 @@ class LinkKinematics:
 
 
 @compiled
-def frame_motion(
-    S, rotations, translations, v, base, free, body, moves, own, offset,
-    rotation, position, jacobian, velocity, drift,
-):  # fmt: skip
-    """Write the motion of a frame, its pose in its body given by `own` and `offset`."""
-    p, twist, rate, turned = np.empty(3), np.zeros(6), np.zeros(6), np.empty(6)
-    for i in range(3):
-        p[i] = translations[body, i]
-        for j in range(3):
-            p[i] += rotations[body, i, j] * offset[j]
-            rotation[i, j] = 0.0
-            for k in range(3):
-                rotation[i, j] += rotations[body, i, k] * own[k, j]
-        position[i] = base[i] + p[i]
-    velocity[:] = 0.0
-    for k in range(len(v)):
-        if not moves[k]:
-            jacobian[:, k] = 0.0
-            continue
-        if k >= free:  # before a floating base nothing moves
-            cross_twists(twist, S[k], turned)
-            for x in range(6):
-                rate[x] += turned[x] * v[k]
-        for i in range(3):
-            j, m = (i + 1) % 3, (i + 2) % 3
-            jacobian[i, k] = S[k, i] + S[k, 3 + j] * p[m] - S[k, 3 + m] * p[j]
-            jacobian[3 + i, k] = S[k, 3 + i]
-        for x in range(6):
-            twist[x] += S[k, x] * v[k]
-            velocity[x] += jacobian[x, k] * v[k]
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        drift[3 + i] = rate[3 + i]
-        drift[i] = rate[i] + rate[3 + j] * p[k] - rate[3 + k] * p[j]
-        drift[i] += velocity[3 + j] * velocity[k] - velocity[3 + k] * velocity[j]
-
-
-@compiled
-def _frame_motions(
+def frame_motions(
     S, rotations, translations, v, base, free, bodies, moves, own, offsets,
     rotation, position, jacobian, velocity, drift,
 ):  # fmt: skip
-    """Write the motions of k frames."""
-    for k in range(len(bodies)):
-        frame_motion(
-            S, rotations, translations, v, base, free, bodies[k], moves[k], own[k], offsets[k],
-            rotation[k], position[k], jacobian[k], velocity[k], drift[k],
-        )  # fmt: skip
+    """Write the motions of k frames, their poses in their bodies given by `own` and `offsets`."""
+    p, twist, rate = np.empty(3), np.empty(6), np.empty(6)
+    for f in range(len(bodies)):
+        body = bodies[f]
+        for x in range(6):
+            twist[x] = rate[x] = velocity[f, x] = 0.0
+        for i in range(3):
+            p[i] = translations[body, i]
+            for j in range(3):
+                p[i] += rotations[body, i, j] * offsets[f, j]
+                rotation[f, i, j] = 0.0
+                for k in range(3):
+                    rotation[f, i, j] += rotations[body, i, k] * own[f, k, j]
+            position[f, i] = base[i] + p[i]
+        for k in range(len(v)):
+            if not moves[f, k]:
+                for x in range(6):
+                    jacobian[f, x, k] = 0.0
+                continue
+            for i in range(3):
+                j, m = (i + 1) % 3, (i + 2) % 3
+                if k >= free:  # before a floating base nothing moves
+                    turned = twist[3 + j] * S[k, m] - twist[3 + m] * S[k, j]
+                    turned += twist[j] * S[k, 3 + m] - twist[m] * S[k, 3 + j]
+                    rate[i] += turned * v[k]
+                    turned = twist[3 + j] * S[k, 3 + m] - twist[3 + m] * S[k, 3 + j]
+                    rate[3 + i] += turned * v[k]
+                jacobian[f, i, k] = S[k, i] + S[k, 3 + j] * p[m] - S[k, 3 + m] * p[j]
+                jacobian[f, 3 + i, k] = S[k, 3 + i]
+            for x in range(6):
+                twist[x] += S[k, x] * v[k]
+                velocity[f, x] += jacobian[f, x, k] * v[k]
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            drift[f, 3 + i] = rate[3 + i]
+            drift[f, i] = rate[i] + rate[3 + j] * p[k] - rate[3 + k] * p[j]
+            drift[f, i] += velocity[f, 3 + j] * velocity[f, k] - velocity[f, 3 + k] * velocity[f, j]

@@ -50,8 +50,7 @@ def numbers(y: np.ndarray) -> np.ndarray:
     """A `Target`'s value as numbers: a rotation (3, 3) as a vector, a pose (4, 4) as six."""
     if y.shape == (3,):
         return y
-    turn = np.empty(3)
-    log3(np.ascontiguousarray(y[:3, :3]), turn)
+    turn = log3(y[:3, :3])
     return turn if y.shape == (3, 3) else np.concatenate((y[:3, 3], turn))
 
 

@@ -26,214 +26,154 @@ motion about n counts, so that all terms stay finite.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.special import zeta
 
-from softdyn.compiled import compiled
+from softdyn.tasks.link_motion import LinkMotion
 
 TURN = 1e-9  # rad; an angle this close to π counts as π
 
 # coefficients of c in θ²: 2 ζ(2k) / (2π)^(2k), k = 1, 2, …
-SERIES = 2 * zeta(2.0 * np.arange(1, 33)) / (2 * np.pi) ** (2 * np.arange(1, 33))
+SERIES = (2 * zeta(2.0 * np.arange(1, 33)) / (2 * np.pi) ** (2 * np.arange(1, 33))).tolist()
 # Gauss's series of θ / sin θ in sin² ½θ, its coefficients k! / (3/2)_k
-HALVES = np.cumprod([1.0, *(j / (j + 0.5) for j in range(1, 15))])
+HALVES = np.cumprod([1.0, *(j / (j + 0.5) for j in range(1, 15))]).tolist()
 
 
-@compiled
-def log3(R: np.ndarray, e: np.ndarray) -> None:
-    """Write the rotation vector of R (3, 3) into `e` (3,), of angle at most π."""
+def cross_matrix(a: np.ndarray) -> np.ndarray:
+    """The matrix (3, 3) of a × b."""
+    x, y, z = a
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def log3(R: np.ndarray) -> np.ndarray:
+    """The rotation vector (3,) of R (3, 3), of angle at most π."""
     # the quaternion with its largest component computed first loses no digits (Shepperd 1978)
-    q = np.empty(4)
-    trace = R[0, 0] + R[1, 1] + R[2, 2]
-    i, largest = 3, trace
-    for k in range(3):
-        if R[k, k] > largest:
-            i, largest = k, R[k, k]
-    if i == 3:
-        q[3] = 1 + trace
-        q[0], q[1], q[2] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    trace = a + e + i
+    if trace >= max(a, e, i):
+        q = [h - f, c - g, d - b, 1 + trace]
+    elif a >= max(e, i):
+        q = [1 - trace + 2 * a, d + b, g + c, h - f]
+    elif e >= i:
+        q = [d + b, 1 - trace + 2 * e, f + h, c - g]
     else:
-        j, k = (i + 1) % 3, (i + 2) % 3
-        q[i] = 1 - trace + 2 * R[i, i]
-        q[j], q[k] = R[j, i] + R[i, j], R[k, i] + R[i, k]
-        q[3] = R[k, j] - R[j, k]
-    size = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+        q = [g + c, f + h, 1 - trace + 2 * i, d - b]
+    size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
     sign = 1.0 if q[3] >= 0 else -1.0
     if abs(q[3]) <= 0.5 * TURN * size:
-        first = q[0]
-        for k in range(1, 3):
-            if abs(first) <= TURN * size:
-                first = q[k]
+        first = next((x for x in q[:2] if abs(x) > TURN * size), q[2])
         sign = 1.0 if first >= 0 else -1.0
-    angle = 2 * np.arctan2(size, abs(q[3]))
+    angle = 2 * math.atan2(size, abs(q[3]))
     scale = sign * angle / size if size > 1e-12 * abs(q[3]) else 2 / q[3]
-    for k in range(3):
-        e[k] = scale * q[k]
+    return np.array([scale * x for x in q[:3]])
 
 
-@compiled
-def _taylor(series, s):
+def _taylor(series: list[float], s: float) -> tuple[float, float, float]:
     """A power series and its first two derivatives at s."""
     f = f1 = f2 = 0.0
-    for k in range(len(series) - 1, -1, -1):
+    for coefficient in reversed(series):
         f2 = f2 * s + 2 * f1
         f1 = f1 * s + f
-        f = f * s + series[k]
+        f = f * s + coefficient
     return f, f1, f2
 
 
-@compiled
-def cross_twists(a, b, out):
-    """Write a × b of two twists, linear parts first."""
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        out[i] = a[3 + j] * b[k] - a[3 + k] * b[j] + a[j] * b[3 + k] - a[k] * b[3 + j]
-        out[3 + i] = a[3 + j] * b[3 + k] - a[3 + k] * b[3 + j]
+def _cross_twists(a: np.ndarray) -> np.ndarray:
+    """The matrix (6, 6) of a × b, of twists with their linear parts first."""
+    found = np.zeros((6, 6))
+    found[:3, 3:] = cross_matrix(a[:3])
+    found[:3, :3] = found[3:, 3:] = cross_matrix(a[3:])
+    return found
 
 
-@compiled
-def pose_terms(R, p, velocity, drift, pose_r, velocity_r, acceleration_r, found):
-    """Write the error of a pose with two derivatives at q̈ = 0, and the factor of its Jacobian.
+def pose_terms(
+    motion: LinkMotion, pose_r: np.ndarray, velocity_r: np.ndarray, acceleration_r: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The error of a pose with two derivatives at q̈ = 0 (3, 6), and its Jacobian (6, n).
 
     Parameters
     ----------
-    R, p : ndarray, (3, 3), (3,)
-        Pose of the frame.
-    velocity, drift : ndarray, (6,), (6,)
-        Its velocity (ṗ, ω), and its acceleration (p̈, ω̇) at q̈ = 0.
+    motion : LinkMotion
+        That of the frame.
     pose_r, velocity_r, acceleration_r : ndarray, (4, 4), (6,), (6,)
-        The target's pose, velocity and acceleration, likewise.
-    found : ndarray, (9, 6)
-        Filled: ξ, ξ̇, ξ̈, and the transpose of a matrix (6, 6) that makes the error's Jacobian of
-        the frame's.
+        The target's pose, velocity (ṗ, ω) and acceleration.
     """
-    # ν, ν̇ at q̈ = 0, and the twists of unit motions of the frame
-    twists, E, turned, turn = np.zeros((8, 6)), np.zeros((3, 3)), np.zeros(6), np.empty(3)
-    once, twice, shift, error = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
-    for i in range(6):
-        twists[0, i], twists[1, i], twists[2 + i, i] = velocity[i], drift[i], 1.0
-    for i in range(3):
-        twists[0, i] -= velocity_r[i]
-        twists[1, i] -= acceleration_r[i]
-        for j in range(3):
-            for k in range(3):
-                E[i, j] += R[i, k] * pose_r[j, k]
-            turned[3 + i] += E[i, j] * velocity_r[3 + j]  # E ω_r
-            twists[1, 3 + i] -= E[i, j] * acceleration_r[3 + j]
-        twists[0, 3 + i] -= turned[3 + i]
-    log3(E, turn)
-    cross_twists(turned, twists[0], once)
-    for i in range(3):
-        twists[1, 3 + i] += once[3 + i]  # -Ω × E ω_r
-        shift[i], error[3 + i] = twists[0, i], turn[i]
-    cross_twists(shift, twists[0], once)
-    for i in range(3):
-        twists[1, i] += once[i]  # -Ω × ḋ
-        shift[i] = p[i] - pose_r[i, 3]  # d
-    for k in range(8):
-        cross_twists(shift, twists[k], once)
-        for i in range(3):
-            twists[k, i] += once[i]  # d × Ω
-    square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]
-    c, c1, c2 = _taylor(SERIES, square)
-    cross_twists(error, shift, once)
-    cross_twists(error, once, twice)
-    inward = 0.0
-    for i in range(3):
-        error[i] = shift[i] - 0.5 * once[i] + c * twice[i]  # x = A d
-        inward += error[i] * turn[i]
-    dual = 2 * c1 * inward
-    for k in range(7, -1, -1):
-        cross_twists(error, twists[k], once)
-        cross_twists(error, once, twice)
-        for i in range(3):
-            found[1 + k, i] = twists[k, i] - 0.5 * once[i] + c * twice[i] + dual * twice[3 + i]
-            found[1 + k, 3 + i] = twists[k, 3 + i] - 0.5 * once[3 + i] + c * twice[3 + i]
-    # Ȧ ν; `once` and `twice` are those of ν
-    rate, moving, second = found[1], np.empty(6), np.empty(6)
-    cross_twists(rate, twists[0], moving)
-    cross_twists(rate, once, second)
-    cross_twists(error, moving, once)
-    along = across = 0.0  # e·ė, e·ẋ + x·ė
-    for i in range(3):
-        along += turn[i] * rate[3 + i]
-        across += turn[i] * rate[i] + error[i] * rate[3 + i]
-    c_rate, dual_rate = 2 * c1 * along, 2 * c1 * across + 4 * c2 * along * inward
-    for i in range(6):
-        second[i] += once[i]
-        found[2, i] += c_rate * twice[i] + c * second[i] - 0.5 * moving[i]
-        found[0, i] = error[i]
-    for i in range(3):
-        found[2, i] += dual_rate * twice[3 + i] + dual * second[3 + i]
+    E = motion.rotation @ pose_r[:3, :3].T
+    d, turn, spin = motion.position - pose_r[:3, 3], log3(E), E @ velocity_r[3:]
+    shifted = np.eye(6)
+    shifted[:3, 3:] = cross_matrix(d)
+    ddot, Omega = motion.velocity[:3] - velocity_r[:3], motion.velocity[3:] - spin
+    moved = np.concatenate((ddot, Omega))
+    accelerated = motion.drift - acceleration_r
+    accelerated[:3] += cross_matrix(ddot) @ Omega
+    accelerated[3:] = motion.drift[3:] - E @ acceleration_r[3:] + cross_matrix(spin) @ Omega
+    nu, nudot = shifted @ moved, shifted @ accelerated
+
+    c, c1, c2 = _taylor(SERIES, float(turn @ turn))
+    about = cross_matrix(turn)
+    once = about @ d
+    error = np.concatenate((d - 0.5 * once + c * (about @ once), turn))  # (x, e), x = A d
+    inward = float(error[:3] @ turn)
+    dual, cross = 2 * c1 * inward, _cross_twists(error)
+    A = np.eye(6) - 0.5 * cross + c * (cross @ cross)
+    A[:3, 3:] += dual * (about @ about)
+    # Ȧ ν
+    rate = A @ nu
+    turning, once = _cross_twists(rate), cross @ nu
+    moving, twice = turning @ nu, cross @ once
+    second = turning @ once + cross @ moving
+    along = float(turn @ rate[3:])
+    across = float(turn @ rate[:3] + error[:3] @ rate[3:])
+    dual_rate = 2 * c1 * across + 4 * c2 * along * inward
+    drift = A @ nudot + 2 * c1 * along * twice + c * second - 0.5 * moving
+    drift[:3] += dual_rate * twice[3:] + dual * second[3:]
+    return np.stack((error, rate, drift)), A @ shifted @ motion.jacobian
 
 
-@compiled
-def axis_terms(a, omega, alpha, d, ddot, dddot, found):
-    """Write the error of a direction with two derivatives at q̈ = 0, and its Jacobian's factor.
+def axis_terms(
+    motion: LinkMotion, axis: np.ndarray, d: np.ndarray, ddot: np.ndarray, dddot: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The error of a direction with two derivatives at q̈ = 0 (3, 3), and its Jacobian (3, n).
 
     Parameters
     ----------
-    a : ndarray, (3,)
-        The link's direction in the world, a unit vector.
-    omega, alpha : ndarray, (3,), (3,)
-        The link's angular velocity, and its angular acceleration at q̈ = 0.
+    motion : LinkMotion
+        That of the frame.
+    axis : ndarray, (3,)
+        The direction in the frame, a unit vector.
     d, ddot, dddot : ndarray, (3,)
         The target direction, a unit vector, and its two rates.
-    found : ndarray, (9, 6)
-        Filled as by `pose_terms`, the error in its first three columns.
     """
-    found[:] = 0.0
-    adot, addot, w, wdot, wddot = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        adot[i] = omega[j] * a[k] - omega[k] * a[j]
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        addot[i] = alpha[j] * a[k] - alpha[k] * a[j] + omega[j] * adot[k] - omega[k] * adot[j]
+    a, omega, alpha = motion.rotation @ axis, motion.velocity[3:], motion.drift[3:]
+    turning, across, passing = cross_matrix(omega), cross_matrix(d), cross_matrix(ddot)
+    adot = turning @ a
+    addot = cross_matrix(alpha) @ a + turning @ adot
     # w = d × a, x = d·a
-    x = xdot = xddot = square = 0.0
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        w[i] = d[j] * a[k] - d[k] * a[j]
-        wdot[i] = ddot[j] * a[k] - ddot[k] * a[j] + d[j] * adot[k] - d[k] * adot[j]
-        wddot[i] = dddot[j] * a[k] - dddot[k] * a[j] + d[j] * addot[k] - d[k] * addot[j]
-        wddot[i] += 2 * (ddot[j] * adot[k] - ddot[k] * adot[j])
-        square += w[i] * w[i]
-        x += d[i] * a[i]
-        xdot += ddot[i] * a[i] + d[i] * adot[i]
-        xddot += dddot[i] * a[i] + 2 * ddot[i] * adot[i] + d[i] * addot[i]
+    w, wdot = across @ a, passing @ a + across @ adot
+    wddot = cross_matrix(dddot) @ a + 2 * (passing @ adot) + across @ addot
+    x, xdot = float(d @ a), float(ddot @ a + d @ adot)
+    xddot, square = float(dddot @ a + 2 * ddot @ adot + d @ addot), float(w @ w)
+    spins = motion.jacobian[3:]
     if x < 0 and square < TURN * TURN:
         # w serves as n, and the target's own turn is d × ḋ
-        axis = np.zeros(3)
-        axis[np.argmin(np.abs(d))] = 1.0
-        turn = turning = square = 0.0
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            w[i] = d[j] * axis[k] - d[k] * axis[j]
-            square += w[i] * w[i]
-            turn += w[i] * (omega[i] - d[j] * ddot[k] + d[k] * ddot[j])
-            turning += w[i] * (alpha[i] - d[j] * dddot[k] + d[k] * dddot[j])
-        for i in range(3):
-            found[0, i] = np.pi * w[i] / np.sqrt(square)
-            found[1, i], found[2, i] = turn * w[i] / square, turning * w[i] / square
-            for j in range(3):
-                found[6 + j, i] = w[i] * w[j] / square
-        return
+        w = across @ np.eye(3)[np.argmin(np.abs(d))]
+        square = float(w @ w)
+        turn = float(w @ (omega - across @ ddot)) / square
+        turned = float(w @ (alpha - across @ dddot)) / square
+        values = np.stack((np.pi / math.sqrt(square) * w, turn * w, turned * w))
+        return values, np.outer(w, w / square) @ spins
     # e = φ(x) w with φ = θ / sin θ
     u = 0.5 * (1 - x)
     if u < 0.04:
         phi, by_u, by_uu = _taylor(HALVES, u)
         first, second = -0.5 * by_u, 0.25 * by_uu
     else:
-        size = np.sqrt(square)
-        phi = np.arctan2(size, x) / size
+        size = math.sqrt(square)
+        phi = math.atan2(size, x) / size
         first = (x * phi - 1) / square
         second = (phi + 3 * x * first) / square
-    for i in range(3):
-        found[0, i] = phi * w[i]
-        found[1, i] = first * xdot * w[i] + phi * wdot[i]
-        found[2, i] = (second * xdot * xdot + first * xddot) * w[i]
-        found[2, i] += 2 * first * xdot * wdot[i] + phi * wddot[i]
-        found[6 + i, i] += phi * x
-        for j in range(3):
-            found[6 + j, i] -= first * w[i] * w[j] + phi * a[i] * d[j]
+    drift = (second * xdot * xdot + first * xddot) * w + 2 * first * xdot * wdot + phi * wddot
+    by_spin = phi * x * np.eye(3) - first * np.outer(w, w) - phi * np.outer(a, d)
+    return np.stack((phi * w, first * xdot * w + phi * wdot, drift)), by_spin @ spins

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -250,11 +251,7 @@ class Turns(Frozen):
         self.times = _times(times)
         given = array("rotations", rotations, (len(self.times), 3, 3))
         self._corners = [_rigid(R) for R in given]
-        self._turns = []
-        for before, after in zip(self._corners, self._corners[1:], strict=False):
-            turn = np.empty(3)
-            log3(after @ before.T, turn)
-            self._turns.append(turn)
+        self._turns = [log3(after @ before.T) for before, after in pairwise(self._corners)]
 
     def __call__(self, t: float) -> Target:
         """The rotation at time `t` (s), with ω and ω̇ in the world's axes."""

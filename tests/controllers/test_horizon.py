@@ -12,7 +12,7 @@ import softdyn
 from softdyn import InputError
 from softdyn.compiled import COMPILES
 from softdyn.controllers import SoftIdClfQp
-from softdyn.controllers.qps import horizon, soft_inverse_dynamics
+from softdyn.controllers.qps import horizon, linear_algebra, soft_inverse_dynamics
 from softdyn.controllers.qps.horizon import Horizon
 from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.control_cases import BUNDLED, GAINS, drawn, gains_of, robot
@@ -89,7 +89,7 @@ def test_inputs_are_those_of_the_textbook_form_with_the_other_dynamics(
 @pytest.mark.skipif(not COMPILES, reason="nothing is compiled")
 @pytest.mark.parametrize("name", ["finger", "spirob"])
 def test_warming_up_compiles_all_that_the_steps_need(name: str) -> None:
-    kernels = (horizon._over, soft_inverse_dynamics._condense, soft_inverse_dynamics.range_of)
+    kernels = horizon._over, soft_inverse_dynamics._condense, linear_algebra.row_space
     law = controller_of(name, horizon=0.03)
     before = [len(kernel.signatures) for kernel in kernels]
     for state, reference in drawn(name):

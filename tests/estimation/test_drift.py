@@ -24,8 +24,8 @@ def over(step: float, disturbance: Disturbance):
 def test_the_first_order_keeps_its_variance_in_the_long_run(step):
     """ḋ = -d / τ + w decays by e^(-T/τ), and what it gains keeps σ²."""
     found = over(step, Disturbance.PAYLOAD)
-    assert found.kept[0] == pytest.approx(np.exp(-step / TAU), rel=1e-12)
-    left = found.kept[0] ** 2 * SIGMA**2 + found.added[0]
+    assert found.decay[0] == pytest.approx(np.exp(-step / TAU), rel=1e-12)
+    left = found.decay[0] ** 2 * SIGMA**2 + found.added[0]
     assert left == pytest.approx(SIGMA**2, rel=1e-12)
 
 
@@ -38,5 +38,5 @@ def test_the_second_order_is_that_of_its_equation(step):
     assert np.allclose(stationary, np.diag([SIGMA**2, (SIGMA / TAU) ** 2]), rtol=1e-9, atol=1e-12)
     found = over(step, Disturbance.TIP_FORCE)
     assert np.allclose(found.turn, expm(A * step), rtol=1e-9, atol=1e-12)
-    kept = found.turn @ stationary @ found.turn.T + found.noise
-    assert np.allclose(kept, stationary, rtol=1e-9, atol=1e-12)
+    decay = found.turn @ stationary @ found.turn.T + found.noise
+    assert np.allclose(decay, stationary, rtol=1e-9, atol=1e-12)

@@ -117,9 +117,9 @@ def test_rows_left_out_and_refusals(tmp_path):
     path, _ = rests(model, (), Inputs(u, np.zeros(3)), Around(model))
     out = measured_outputs(model, NAMES, path, np.zeros((*path.shape, 0)))[0]
     data = Measurements(np.arange(9.0), u, NAMES, out + 3e-4 * rng.normal(size=out.shape))
-    taken = Acquisition(True, MarkerView.of(NAMES))
+    acquisition = Acquisition(True, MarkerView.of(NAMES))
     unknowns = made.unknowns(["youngs_modulus"])
-    found = identification.identify(model, data, unknowns, hold_out=0.0, taken=taken)
+    found = identification.identify(model, data, unknowns, hold_out=0.0, acquisition=acquisition)
     residuals = left_out(found.fit, 3)
     assert np.isfinite(residuals).all()
     assert 0.8 < np.sqrt((residuals**2).mean() / (found.residuals**2).mean()) < 1.6

@@ -127,7 +127,7 @@ def test_derivatives_of_equilibria_by_the_design_and_the_camera(arm):
     unknowns += identification.camera_unknowns(CAMERA)
     view = MarkerView.of(names, CAMERA)
     data = Measurements(np.arange(4.0), u, names, out)
-    problem = problem_of(model, data, unknowns, taken=Acquisition(True, view))
+    problem = problem_of(model, data, unknowns, acquisition=Acquisition(True, view))
     theta = np.array([one.nominal for one in unknowns])
     (run,) = problem.simulated(theta, problem.firsts())
     assert [one.label for one in unknowns[:3]] == [
@@ -213,9 +213,9 @@ def test_a_robot_s_stiffness_from_its_markers(tmp_path, capsys):
     path = np.array([model.coordinates(statics.settle(true, one).q) for one in u])
     out, _ = measured_outputs(true, names, path, np.zeros((40, 4, 0)))
     data = Measurements(np.arange(40.0), u, names, out + 1e-3 * rng.normal(size=out.shape))
-    data, taken = identification.prepared(model, data, static=True)
+    data, acquisition = identification.prepared(model, data, static=True)
     unknowns = (*springs, *identification.parameters(model, "damping", shared=True))
-    found = identification.identify(model, data, unknowns, taken=taken)
+    found = identification.identify(model, data, unknowns, acquisition=acquisition)
     assert found.unidentifiable == ("damping, all",)
     for one, truth in zip(found.estimates, np.array([1.2, 0.8, 1.1, 0.9]) * 0.01, strict=False):
         assert one.interval[0] < truth < one.interval[1]
@@ -247,7 +247,7 @@ def test_rests_with_friction_balance_and_their_derivatives(arm):
     names = tuple(f"point.{m}.{a}" for m in "abc" for a in "xyz")
     unknowns = made.unknowns(["cable_friction", "youngs_modulus", "input_loss"])
     data = Measurements(np.arange(3.0), u, names, rng.normal(size=(3, 9)), way)
-    problem = problem_of(model, data, unknowns, taken=Acquisition(True))
+    problem = problem_of(model, data, unknowns, acquisition=Acquisition(True))
     theta = np.array([one.nominal for one in unknowns])
     theta[2:] = 0.2
     (run,) = problem.simulated(theta, problem.firsts())

@@ -13,7 +13,7 @@ import pytest
 from softdyn import InputError, SetPoint
 from softdyn.commands import run
 from softdyn.controllers import SoftIdClfQp
-from softdyn.controllers.safety_filter import among
+from softdyn.controllers.safety_filter import with_barriers
 from softdyn.safety import HalfSpace, KeepOutBox, KeepOutSphere, LinkPairs, Surroundings
 from softdyn.validation import Log, Twin, simulate
 from tests.support.control_cases import robot
@@ -119,7 +119,7 @@ def test_a_run_keeps_clear_and_its_log_has_the_reserve(tmp_path: Path) -> None:
     goal = SetPoint([0.127, 0, -0.127])
     least = {}
     for around in (Surroundings(()), wall):
-        law = among(SoftIdClfQp, around)(model)
+        law = with_barriers(SoftIdClfQp, around)(model)
         log = simulate(model, law, goal, duration=0.8, period=0.005, surroundings=wall)
         least[len(around.barriers)] = log.least_reserve["floor"]
     assert least[0] < -0.02

@@ -279,10 +279,10 @@ def judged(
     step: float = np.inf,
 ) -> Trial:
     """Identify the data of `twin_data`, and compare with the drawn θ (P,)."""
-    taken = Acquisition()
+    acquisition = Acquisition()
     if any(name.startswith("point.") for name in data.names):
-        data, taken = prepared(model, data, relabel=True)
-    found = identify(model, data, unknowns, step=step, taken=taken)
+        data, acquisition = prepared(model, data, relabel=True)
+    found = identify(model, data, unknowns, step=step, acquisition=acquisition)
     known = np.array([one.identified for one in found.estimates])
     value = np.array([one.value for one in found.estimates])
     deviation = np.array([one.deviation for one in found.estimates])

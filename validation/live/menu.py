@@ -7,7 +7,7 @@ from typing import Any
 
 from softdyn import SoftModel
 from softdyn.controllers import registry
-from softdyn.controllers.safety_filter import among
+from softdyn.controllers.safety_filter import with_barriers
 from softdyn.safety import Surroundings
 
 Make = Callable[[SoftModel], Any]
@@ -18,7 +18,7 @@ def menu_of(
 ) -> dict[str, Make]:
     """Controllers by name: a user's own, and the registry's, which keep clear of obstacles."""
     ours = {**registry.CONTROLLERS, **registry.BEYOND} if model.nu else {}
-    known = {name: among(make, around) for name, make in ours.items()}
+    known = {name: with_barriers(make, around) for name, make in ours.items()}
     return {**(own or {}), **{k: v for k, v in known.items() if k not in (own or {})}}
 
 

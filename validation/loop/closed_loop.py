@@ -307,7 +307,7 @@ class ClosedLoop(Separate):
     def log(self) -> Log:
         """The run so far; it is not complete before the last control period."""
         model, controller, experiment = self.model, self.controller, self.experiment
-        (not_solved, fallbacks, violation), fault = self._counts.told()
+        (not_solved, fallbacks, violation), fault = self._counts.totals()
         reason = self.reason or fault
         steps = self.steps if self.done else max(self._record.samples - 1, 0)
         more, marks = self._record.of_tasks(steps, controller, self.reference)

@@ -194,7 +194,7 @@ class Counts:
             raise InputError(f"the controller's {name}", "a whole number", repr(value))
         return int(value)
 
-    def told(self) -> tuple[tuple[int, int, float], str | None]:
+    def totals(self) -> tuple[tuple[int, int, float], str | None]:
         """Both increases and the violation; or zeros, and the name of the one that is no number."""
         try:
             counts = self.since("not_solved"), self.since("fallbacks"), self.violation()

@@ -112,7 +112,7 @@ ONE_OF_EACH = """<mujoco>
 <actuator><general joint="j"/></actuator><equality><joint joint1="j"/></equality></mujoco>"""
 
 
-def told(model: mujoco.MjModel) -> dict[tuple[str, int], dict[str, Numbers]]:
+def unread_fields(model: mujoco.MjModel) -> dict[tuple[str, int], dict[str, Numbers]]:
     """The fields that are neither read, nor without effect, nor at their default.
 
     Returns
@@ -124,7 +124,7 @@ def told(model: mujoco.MjModel) -> dict[tuple[str, int], dict[str, Numbers]]:
     found: dict[tuple[str, int], dict[str, Numbers]] = {}
     for field in fields():
         sort = "opt" if field.startswith(("opt.", "mj")) else field.partition("_")[0]
-        for k in range(_count(model, field)) if why_not_told(field) is None else ():
+        for k in range(_count(model, field)) if why_not_unread(field) is None else ():
             value = value_of(model, field, k)
             if value != _default(field, len(value)) and _is_on(model, field, k):
                 found.setdefault((sort, k), {})[field] = value
@@ -132,7 +132,7 @@ def told(model: mujoco.MjModel) -> dict[tuple[str, int], dict[str, Numbers]]:
 
 
 @cache
-def why_not_told(field: str) -> str | None:
+def why_not_unread(field: str) -> str | None:
     """The reason why a field is never reported; None for a reported field."""
     if field in READ:
         return "read"

@@ -15,7 +15,7 @@ from tqdm.auto import tqdm
 
 from softdyn import Reference, SoftModel, State, statics
 from softdyn.controllers import Gains, SoftIdClfQp
-from softdyn.controllers.safety_filter import among
+from softdyn.controllers.safety_filter import with_barriers
 from softdyn.safety import HalfSpace, KeepOutBox, KeepOutSphere, Surroundings
 from softdyn.safety.obstacles import Obstacle
 from softdyn.validation import Log, Twin, simulate
@@ -84,7 +84,7 @@ def scenes(model: SoftModel, gains: Gains | None, count: int, seed: int) -> Iter
     rests = (rest for k in range(TRIES) for rest in statics.spread_rests(model, count, seed + k))
     for rest in rests:
         target = Approach(state.y, rest.y)
-        law = among(SoftIdClfQp, Surroundings(()))(model, gains)
+        law = with_barriers(SoftIdClfQp, Surroundings(()))(model, gains)
         free = simulate(model, law, target, duration=DURATION, period=setup_of(model).period,
                         q0=start.q)  # fmt: skip
         found = [_placed(model, state, kind, free, rng) for kind in (wall, ball, crate)]
@@ -154,7 +154,7 @@ def run(model: SoftModel, gains: Gains | None, scene: Scene) -> dict[str, Any]:
         made.append(JudgedTwin(*arguments, **options))
         return made[-1]
 
-    law = among(SoftIdClfQp, scene.around)(model, gains)
+    law = with_barriers(SoftIdClfQp, scene.around)(model, gains)
     log = simulate(model, law, scene.target, duration=DURATION, period=setup_of(model).period,
                    q0=scene.free.q[0], plant=twin, surroundings=scene.around)  # fmt: skip
     rows = law.barrier_rows

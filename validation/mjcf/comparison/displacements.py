@@ -41,9 +41,9 @@ def find_displacements(a: Neutral, b: Neutral) -> dict[int, Transform]:
     stories, left = [_Story(0.0, {})], _tree(a, b, WORLD)
     order = [left, *left.beyond]
     for at, joint in enumerate(order):
-        told = order[: at + 1]
-        needed = [one.k for one in told if any(below not in told for below in one.below)]
-        stories = joint.tell(stories, needed)
+        visited = order[: at + 1]
+        needed = [one.k for one in visited if any(below not in visited for below in one.below)]
+        stories = joint.extend(stories, needed)
     return stories[0].places
 
 
@@ -165,7 +165,7 @@ class _Joint:
     k: int
     below: tuple[_Joint, ...]
 
-    def tell(self, stories: list[_Story], needed: list[int]) -> list[_Story]:
+    def extend(self, stories: list[_Story], needed: list[int]) -> list[_Story]:
         """Extend the best explanations by this joint; `needed` are the places still in use."""
         found: list[tuple[float, _Story]] = []
         for story in stories:

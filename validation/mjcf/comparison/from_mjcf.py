@@ -15,7 +15,7 @@ from softdyn.description.strict_xml import LARGEST
 from softdyn.exceptions import UrdfError
 from softdyn.validation.mjcf.comparison.mjcf_drives import (
     Places,
-    Told,
+    UnreadFields,
     efforts_of,
     equalities_of,
     motors_of,
@@ -31,7 +31,7 @@ from softdyn.validation.mjcf.comparison.neutral import (
     Numbers,
     Part,
 )
-from softdyn.validation.mjcf.compiled_fields import told
+from softdyn.validation.mjcf.compiled_fields import unread_fields
 from softdyn.validation.mjcf.mjcf_file import Mjcf
 from softdyn.validation.mjcf.transform import Transform
 from softdyn.validation.twin.settings import silence
@@ -102,7 +102,7 @@ def from_mjcf(path: Path, model: mujoco.MjModel) -> Neutral:
     mujoco.mj_kinematics(model, data)  # it turns zeros into unit quaternions
     parts: list[Part] = []
     carrier = [WORLD] * model.nbody
-    efforts, found, shares = efforts_of(model), told(model), shares_of(model)
+    efforts, found, shares = efforts_of(model), unread_fields(model), shares_of(model)
     for body in range(1, model.nbody):
         parent = carrier[model.body_parentid[body]]
         pose = Transform(_matrix(data.xmat[body]), data.xpos[body].copy())
@@ -172,10 +172,10 @@ def _gravcomp(model: mujoco.MjModel, body: int) -> float:
     return float(model.body_gravcomp[body]) * passive
 
 
-def _features(model: mujoco.MjModel, told: Told) -> dict[str, Numbers]:
+def _features(model: mujoco.MjModel, unread: UnreadFields) -> dict[str, Numbers]:
     """Features that belong to no joint, tendon, actuator or equality, by field and object."""
     features: dict[str, Numbers] = {}
-    for (sort, k), values in told.items():
+    for (sort, k), values in unread.items():
         name = f"{sort} {k}"
         if sort == "geom":
             name = model.geom(k).name or f"{name} of {model.body(model.geom_bodyid[k]).name}"

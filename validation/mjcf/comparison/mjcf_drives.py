@@ -26,7 +26,8 @@ from softdyn.validation.mjcf.compiled_rig import bound, rig_of, slack_of, spring
 from softdyn.validation.mjcf.transform import Transform
 
 ROUNDING = 1e-9  # m, and for numbers after rotations
-Told = dict[tuple[str, int], dict[str, Numbers]]  # as returned by `compiled_fields.told`
+# as returned by `compiled_fields.unread_fields`
+UnreadFields = dict[tuple[str, int], dict[str, Numbers]]
 Shares = dict[tuple[str, int], tuple[float, np.ndarray]]  # armature, damping coefficients (3,)
 OBJECTS, SORTS, KINDS = mujoco.mjtObj, mujoco.mjtTrn, mujoco.mjtEq
 TARGETS = {
@@ -111,13 +112,13 @@ def efforts_of(model: mujoco.MjModel) -> dict[int, float]:
 # -- actuators -------------------------------------------------------------------------------------
 
 
-def motors_of(place: Places, told: Told) -> tuple[Motor, ...]:
+def motors_of(place: Places, unread: UnreadFields) -> tuple[Motor, ...]:
     """All actuators but those of `slack_of`, with their fields from `told`."""
     pulls = slack_of(place.model).values()
     for k in pulls:
-        told.pop(("actuator", k), None)
+        unread.pop(("actuator", k), None)
     return tuple(
-        _motor(place, k, told.pop(("actuator", k), {}))
+        _motor(place, k, unread.pop(("actuator", k), {}))
         for k in range(place.model.nactuator)
         if k not in pulls
     )
@@ -201,7 +202,7 @@ def _clean(values: np.ndarray) -> Numbers:
 # -- tendons ---------------------------------------------------------------------------------------
 
 
-def tendons_of(place: Places, shares: Shares, told: Told) -> tuple[NeutralTendon, ...]:
+def tendons_of(place: Places, shares: Shares, unread: UnreadFields) -> tuple[NeutralTendon, ...]:
     """All tendons, with the armature and damping of the actuators that pull them."""
     model, wraps, pulls = place.model, mujoco.mjtWrap, slack_of(place.model)
     found = []
@@ -226,7 +227,7 @@ def tendons_of(place: Places, shares: Shares, told: Told) -> tuple[NeutralTendon
                 place.name(OBJECTS.mjOBJ_TENDON, t), terms, tuple(path),
                 stiffness, float(damping[0]), rest, float(model.tendon_armature[t]) + armature,
                 pair_of(model.tendon_stiffnesspoly[t]), pair_of(damping[1:]),
-                told.pop(("tendon", t), {}), slack,
+                unread.pop(("tendon", t), {}), slack,
             )
         )  # fmt: skip
     return tuple(found)
@@ -253,11 +254,13 @@ def _wrapped(place: Places, w: int) -> Iterator[Point]:
 # -- equalities ------------------------------------------------------------------------------------
 
 
-def equalities_of(place: Places, told: Told) -> tuple[tuple[Coupling, ...], tuple[Equality, ...]]:
+def equalities_of(
+    place: Places, unread: UnreadFields
+) -> tuple[tuple[Coupling, ...], tuple[Equality, ...]]:
     """Joints that follow another linearly, and all other initially active equalities."""
     couplings, others = [], []
     for k in range(place.model.neq):
-        more = told.pop(("eq", k), {})
+        more = unread.pop(("eq", k), {})
         if not place.model.eq_active0[k]:
             continue
         tie = _equality(place, k, more)

@@ -120,7 +120,7 @@ class Placed:
         return self.rotation[part] @ xyz + self.translation[part]
 
 
-def place(robot: Neutral, states: States) -> Placed:
+def forward_kinematics(robot: Neutral, states: States) -> Placed:
     """Forward kinematics, a product of exponentials."""
     parts = robot.parts
     turns = np.zeros((len(parts), len(states.v), 3))
@@ -145,7 +145,7 @@ def place(robot: Neutral, states: States) -> Placed:
 
 def evaluate(robot: Neutral, states: States) -> Terms:
     """Every term at the states."""
-    placed = place(robot, states)
+    placed = forward_kinematics(robot, states)
     parts, samples, n = robot.parts, len(states.v), robot.nv
     owner = np.repeat(np.arange(len(parts)), [FREEDOMS[part.kind] for part in parts])
     S = _unit_velocities(robot, placed, samples)
@@ -329,7 +329,7 @@ def _tips(
 
 def lengths(robot: Neutral, states: States) -> dict[str, np.ndarray]:
     """Length (samples,) of every cable; a wrapped shape counts as a point."""
-    placed = place(robot, states)
+    placed = forward_kinematics(robot, states)
     coordinate = {part.name: q[:, 0] for part, q in zip(robot.parts, states.q, strict=True)}
     found = {}
     for cable in robot.cables:

@@ -60,13 +60,13 @@ def prepared(
     static, relabel = flag("static", static), flag("relabel", relabel)
     fit_camera = flag("fit_camera", fit_camera)
     view = MarkerView.of(data.names, camera)
-    taken = Acquisition(static, view)
+    acquisition = Acquisition(static, view)
     if not view.positions:
         if fit_camera or relabel:
             raise InputError("camera", "markers with x, y and z, see --points", "none")
-        return data, replace(taken, view=view if view.rotations else None)
+        return data, replace(acquisition, view=view if view.rotations else None)
     names = [data.names[k].rpartition(".")[0] for k in view.positions]
-    points, seen = _points(model, data, taken), view.points(data.outputs)
+    points, seen = _points(model, data, acquisition), view.points(data.outputs)
     rows = slice(None) if static else slice(0, 1)
     check_size(points if static else points[:1], seen[rows] if static else seen)
     known = None if fit_camera and camera is None else view.camera
@@ -91,16 +91,16 @@ def prepared(
             raise InputError("markers", "each marker's own name", line)
         if camera is None and not fit_camera:
             check_frame(points, seen[rows])
-    return data, replace(taken, view=replace(view, camera=found))
+    return data, replace(acquisition, view=replace(view, camera=found))
 
 
-def _points(model: SoftModel, data: Measurements, taken: Acquisition) -> np.ndarray:
+def _points(model: SoftModel, data: Measurements, acquisition: Acquisition) -> np.ndarray:
     """The model's points (N, m, 3) at rest in the world, or (1, m, 3) under the first input."""
-    u = data.u if taken.static else data.u[:1]
-    inputs = Inputs(u, np.zeros(model.nu), data.direction, guesses=taken.guesses)
+    u = data.u if acquisition.static else data.u[:1]
+    inputs = Inputs(u, np.zeros(model.nu), data.direction, guesses=acquisition.guesses)
     path, by = rests(model, (), inputs, Around(model))
-    assert taken.view is not None
-    return taken.view.points(measured_outputs(model, data.names, path, by)[0])
+    assert acquisition.view is not None
+    return acquisition.view.points(measured_outputs(model, data.names, path, by)[0])
 
 
 def _named(
