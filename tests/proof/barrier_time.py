@@ -76,14 +76,14 @@ def record(robot: str, path: Path, count: int, states: int, seed: int) -> None:
 
     import softdyn
     from softdyn.controllers import SoftIdClfQp
-    from softdyn.controllers.safety_filter import among
+    from softdyn.controllers.safety_filter import with_barriers
     from softdyn.validation import simulate
     from softdyn.validation.studies.experiments import setup_of
     from tests.proof.safety import scenes
 
     model, rows, tables = softdyn.load(robot), [], []
     for k, scene in enumerate(scenes.scenes(model, None, count, seed)):
-        law, period = among(SoftIdClfQp, scene.around)(model, None), setup_of(model).period
+        law, period = with_barriers(SoftIdClfQp, scene.around)(model, None), setup_of(model).period
         log = simulate(model, law, scene.target, duration=scenes.DURATION, period=period,
                        q0=scene.free.q[0])  # fmt: skip
         tables.append(json.dumps(scene.around.table))

@@ -10,7 +10,7 @@ from time import perf_counter, sleep
 from typing import Any
 
 from softdyn import InputError, SoftdynError, SoftModel
-from softdyn.controllers.safety_filter import among
+from softdyn.controllers.safety_filter import with_barriers
 from softdyn.safety import Surroundings
 from softdyn.tasks.task import Task
 from softdyn.validation.live.menu import Make, menu_of
@@ -203,7 +203,7 @@ class Play:
         own: dict[str, Make] = {}
         if controller is not None:
             law = name or name_of(controller)
-            own[law] = among(lambda _model, **_tasks: controller, surroundings)
+            own[law] = with_barriers(lambda _model, **_tasks: controller, surroundings)
         menu = menu_of(model, own, surroundings)
         self.session = Session(
             model, menu, law or OPEN_LOOP, period=period, target=target, rig=rig, tasks=tasks,
