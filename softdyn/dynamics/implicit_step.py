@@ -13,7 +13,7 @@ A = M / T + ∂r/∂v + T ∂r/∂q, the free joints have
 and A⁻¹ maps a joint force to v⁺. A held joint has ∂v⁺/∂q = -1 / T and no other derivative.
 
 The first Newton step takes r and its Jacobians from the linear model at the end of the step before,
-if that leads to a solution, and A⁻¹ too if both steps have the same length and the same stops.
+if that leads to a solution.
 """
 
 from __future__ import annotations
@@ -55,26 +55,6 @@ class ImplicitStepResult(NamedTuple):
     inputs: np.ndarray
 
 
-class LinearModel(NamedTuple):
-    """The balance at the end of a step, where it is zero.
-
-    Attributes
-    ----------
-    terms : BalanceTerms
-        The balance with its Jacobians.
-    point : tuple of ndarray
-        Its arguments (q, v, a; c, d).
-    step, held, response : float, ndarray, ndarray
-        T, the stops and A⁻¹ of this step.
-    """
-
-    terms: BalanceTerms
-    point: tuple[np.ndarray, ...]
-    step: float
-    held: np.ndarray
-    response: np.ndarray
-
-
 class ImplicitStep:
     """Backward Euler steps of a robot.
 
@@ -96,7 +76,8 @@ class ImplicitStep:
 
     def forget(self) -> None:
         """The next step does not begin on the linear model of the last one."""
-        self._last: LinearModel | None = None  # of a step that had a solution
+        # the last balance and its arguments, if the step had a solution
+        self._last: tuple[BalanceTerms, tuple[np.ndarray, ...]] | None = None
 
     def __call__(
         self,
@@ -135,25 +116,22 @@ class ImplicitStep:
         d: np.ndarray,
         step: float,
         held: np.ndarray,
-        last: LinearModel | None,
+        last: tuple[BalanceTerms, tuple[np.ndarray, ...]] | None,
     ) -> ImplicitStepResult | None:
         """Newton's method, its first step on the linear model of the last balance."""
         model, speed, there = self._model, v, self._moved(q, step * v)
         for _ in range(MOST):
-            point, known = (there, speed, (speed - v) / step, commands, d), None
+            point = there, speed, (speed - v) / step, commands, d
             if last is None:
                 terms = self._balance.trusted(*point)
                 residual = terms.residual
             else:
-                terms, residual = last.terms, _linear_residual(last, point)
-                if last.step == step and np.array_equal(last.held, held):
-                    known = last.response
-            A = step * terms.by_q
-            A += terms.by_v
-            A += terms.by_a / step
+                terms, before = last
+                residual = _linear_residual(terms, before, point)
+            A = terms.by_a / step + terms.by_v + step * terms.by_q
             at = model.coordinates(there)
             try:
-                change, held = self._stops.solve(A, residual, at, step, held, known)
+                change, held = self._stops.solve(A, residual, at, step, held)
             except np.linalg.LinAlgError:  # a singular matrix
                 return None
             speed = speed + change
@@ -161,21 +139,20 @@ class ImplicitStep:
                 return None
             there = self._moved(q, step * speed)
             if last is None and step * np.abs(change).max(initial=0.0) < NEAR:
-                found = _result(there, speed, terms, A, step, held)
                 if self._moved is np.add:
-                    point = there, speed, (speed - v) / step, commands, d
-                    self._last = LinearModel(terms, point, step, held, found.by_force)
-                return found
+                    self._last = terms, (there, speed, (speed - v) / step, commands, d)
+                return _result(there, speed, terms, A, step, held)
             last = None
         return None
 
 
-def _linear_residual(last: LinearModel, point: tuple[np.ndarray, ...]) -> np.ndarray:
-    """r (n,) at a point by a linear model."""
-    terms = last.terms
+def _linear_residual(
+    terms: BalanceTerms, before: tuple[np.ndarray, ...], point: tuple[np.ndarray, ...]
+) -> np.ndarray:
+    """r (n,) at a point by the linear model about another one, where it is zero."""
     jacobians = terms.by_q, terms.by_v, terms.by_a, terms.by_commands, terms.by_d
     total = np.zeros(len(terms.residual))
-    for by, here, there in zip(jacobians, point, last.point, strict=True):
+    for by, here, there in zip(jacobians, point, before, strict=True):
         total += by @ (here - there)
     return total
 
@@ -184,18 +161,17 @@ def _result(
     q: np.ndarray, v: np.ndarray, terms: BalanceTerms, A: np.ndarray, step: float, held: np.ndarray
 ) -> ImplicitStepResult:
     """The step's end with its derivatives."""
-    n, nd, stopped = len(v), terms.by_d.shape[1], np.flatnonzero(held)
-    right = np.empty((n, 2 * n + nd))
-    np.negative(terms.by_q, out=right[:, :n])
-    np.divide(terms.by_a, step, out=right[:, n : 2 * n])
-    np.negative(terms.by_d, out=right[:, 2 * n :])
-    if not stopped.size:
+    right = np.hstack((-terms.by_q, terms.by_a / step, -terms.by_d))
+    if held.any():
+        free, n = held == 0, len(v)
+        # a held joint moves with q, and so drives the free ones
+        of_held = np.diag(np.where(free, 0.0, -1.0 / step))
+        right[:, :n] -= A @ of_held
+        inverse = np.zeros((n, n))
+        inverse[np.ix_(free, free)] = np.linalg.inv(A[np.ix_(free, free)])
+        by_state = inverse @ right
+        by_state[:, :n] += of_held
+    else:
         inverse = np.linalg.inv(A)
-        return ImplicitStepResult(q, v, inverse @ right, inverse, held, terms.inputs)
-    # a held joint moves with q, and so drives the free ones
-    right[:, stopped] += A[:, stopped] / step
-    free, inverse = np.flatnonzero(held == 0), np.zeros((n, n))
-    inverse[np.ix_(free, free)] = np.linalg.inv(A[np.ix_(free, free)])
-    by_state = inverse @ right
-    by_state[stopped, stopped] = -1.0 / step
+        by_state = inverse @ right
     return ImplicitStepResult(q, v, by_state, inverse, held, terms.inputs)

@@ -11,6 +11,7 @@ from typing import Self
 
 import numpy as np
 
+from softdyn.compiled import compiled
 from softdyn.copies import Frozen
 from softdyn.dynamics.model import SoftModel, check_model
 
@@ -66,9 +67,8 @@ class Stops(Frozen):
         return near
 
     def solve(
-        self, A: np.ndarray, r: np.ndarray, at: np.ndarray, step: float, held: np.ndarray,
-        response: np.ndarray | None = None,
-    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        self, A: np.ndarray, r: np.ndarray, at: np.ndarray, step: float, held: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Speeds x (nv,) with A x + r = p, where p is the push of stops at the end of a step.
 
         The joints end at `at` + step x, within their limits. A joint that would leave them is held
@@ -84,8 +84,6 @@ class Stops(Frozen):
             Its length (s).
         held : ndarray of int, (nv,)
             A first guess: 1 for a joint at its upper stop, -1 at the lower one, 0 for a free joint.
-        response : ndarray, (nv, nv), optional
-            A⁻¹ of the free joints' block for this guess, zero elsewhere, if it is known.
 
         Returns
         -------
@@ -97,32 +95,7 @@ class Stops(Frozen):
             For a singular matrix, or one that is not finite.
         """
         held = held.copy()
-        for _ in range(ROUNDS):
-            stopped = np.flatnonzero(held)
-            x, left = np.zeros_like(r), r
-            if stopped.size:
-                limits = np.where(held > 0, self.upper, self.lower)
-                x[stopped] = (limits[stopped] - at[stopped]) / step
-                left = r + A @ x
-            if response is not None:
-                x -= response @ left
-            elif stopped.size:
-                free = np.flatnonzero(held == 0)
-                x[free] -= np.linalg.solve(A[np.ix_(free, free)], left[free])
-            else:
-                x = np.linalg.solve(A, -r)
-            there = at + step * x
-            beyond = ((there > self.upper) | (there < self.lower)) & (held == 0)
-            if beyond.any():
-                held[beyond], response = np.where(there > self.upper, 1, -1)[beyond], None
-                continue
-            if not stopped.size:
-                break
-            released = (A @ x + r) * held > 0
-            if not released.any():
-                break
-            held[released], response = 0, None
-        return x, held
+        return _solve(A, r, at, self.lower, self.upper, step, held), held
 
     def prepare(self) -> None:
         """Compile `solve`, so that no step of a loop waits for it when a joint meets its stop."""
@@ -137,3 +110,38 @@ class Stops(Frozen):
         """
         lower, upper = self.hit(at)
         return lower & (r > 0) | upper & (r < 0) | self.locked
+
+
+@compiled
+def _solve(A, r, at, lower, upper, step, held):
+    """The speeds (n,) of `Stops.solve`; `held` is changed in place."""
+    n, x = len(r), np.empty(len(r))
+    for _ in range(ROUNDS):
+        rows = A.copy()
+        for i in range(n):
+            x[i] = -r[i]
+            if held[i] != 0:
+                rows[i] = 0.0
+                rows[i, i] = 1.0
+                x[i] = ((upper[i] if held[i] > 0 else lower[i]) - at[i]) / step
+        x = np.linalg.solve(rows, x)
+        left = False
+        for i in range(n):
+            there = at[i] + step * x[i]
+            if held[i] == 0 and (there > upper[i] or there < lower[i]):
+                held[i] = 1 if there > upper[i] else -1
+                left = True
+        if left:
+            continue
+        released = False
+        for i in range(n):
+            if held[i] != 0:
+                push = r[i]
+                for j in range(n):
+                    push += A[i, j] * x[j]
+                if push * held[i] > 0:
+                    held[i] = 0
+                    released = True
+        if not released:
+            break
+    return x
