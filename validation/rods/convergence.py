@@ -63,7 +63,7 @@ def converge(arm: design.Arm, counts: Sequence[int], tolerance: float) -> Conver
 
     It takes three kinds of figures: the tip's equilibrium, as mounted and with the arm horizontal;
     the first three natural frequencies; and the tip under one cable for each pair of sections where
-    cables begin and end. That cable gets the tension that would bend the arm by 90°, or its largest.
+    cables begin and end. The cable gets the tension that would bend the arm by 90°, or its largest.
 
     Parameters
     ----------
