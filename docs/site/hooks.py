@@ -1,8 +1,9 @@
-"""The parts of the site that no Markdown file holds: the commands, and formulas as MathML."""
+"""The parts of the site that no Markdown file holds: commands, replays, formulas as MathML."""
 
 import html
 import importlib
 import re
+from pathlib import Path
 from xml.etree.ElementTree import Element, tostring
 
 from latex2mathml.converter import convert_to_element
@@ -15,16 +16,35 @@ FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>',
 TAG = re.compile(r"\\tag\{(\w+)\}")
 # under their operator in a displayed formula
 LIMITS = {"min", "max", "\u2211"}  # Σ
+# `python -m tests.proof gallery` writes them
+REPLAYS = Path(__file__).parents[2] / "build" / "gallery"
+STILL = re.compile(r'<img [^>]*src="gallery/(\w+)\.png"[^>]*>')
+# a click puts the replay in the picture's place; without scripts it opens the page
+PLAY = "this.outerHTML='<iframe class=replay src='+this.href+'></iframe>';return false"
 
 
 def on_files(files: Files, config) -> Files:
-    """Add commands.md, the output of `softdyn NAME --help` for each command."""
+    """Add commands.md, the output of `softdyn NAME --help` for each command, and the replays.
+
+    Raises
+    ------
+    FileNotFoundError
+        A replay is not made yet.
+    """
     files.append(File.generated(config, "commands.md", content=commands()))
+    for still in sorted(Path(config["docs_dir"]).glob("gallery/*.png")):
+        page = REPLAYS / f"{still.stem}.html"
+        if not page.is_file():
+            raise FileNotFoundError(f"{page}: `python -m tests.proof gallery` makes it")
+        files.append(File.generated(config, f"gallery/{page.name}", abs_src_path=str(page)))
     return files
 
 
 def on_page_content(content: str, **_) -> str:
-    """Replace each formula by its MathML, which browsers draw without a script or a network."""
+    """Replace formulas by MathML, which browsers draw without a script; let stills play."""
+    content = STILL.sub(
+        r'<a class="still" href="gallery/\1.html" onclick="' + PLAY + r'">\g<0></a>', content
+    )
     return FORMULA.sub(lambda found: formula(html.unescape(found[2]), found[1] == "div"), content)
 
 
