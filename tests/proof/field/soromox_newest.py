@@ -22,11 +22,11 @@ from soromox.systems.components import LinkSpec
 jax.config.update("jax_enable_x64", True)
 G, LENGTH, RADIUS, SHEAR, YOUNG, DENSITY = 9.81, 0.3, 0.03, 3.333333e5, 1e6, 1000.0
 CASES = {
-    "planar": (PlanarPCS, [0.0, 1, 0], [2.0, 1e3, 1e3], [-G, 0], [np.pi / 2, 0, 0], slice(1, 3)),
+    "planar": (PlanarPCS, [0.0, 1, 0], [2.0, 1e3, 1e3], [-G, 0], [np.pi / 2, 0, 0], np.s_[:, 1:]),
     "spatial": (
         PCS, [0.0, 0, 0, 1, 0, 0], [2.0, 2, 2, 1e3, 1e3, 1e3], [-G, -G, 0],
         # the scalar of a quaternion was its first number, and is its last one
-        [0.5, -0.5, 0.5, 0.5, 0, 0, 0], slice(-3, None),
+        [0.5, -0.5, 0.5, 0.5, 0, 0, 0], np.s_[:, :3, 3],  # of a homogeneous matrix
     ),
 }  # fmt: skip
 
@@ -54,7 +54,7 @@ def main() -> None:
         walls.append(time.perf_counter() - began)
     tip = jax.jit(lambda q: robot.forward_kinematics(q, s=jnp.array(2 * LENGTH)))
     poses = np.array(jax.vmap(tip)(rolled.y[:, :n]))
-    tips = poses[:, place]
+    tips = poses[place]
     if tips.shape[1] == 2:  # x, z of a planar robot
         tips = np.insert(tips, 1, 0.0, axis=1)
     np.savez(out, tip=tips, wall=walls[1:], version=version("soromox"))
