@@ -60,9 +60,10 @@ def measure(robot: str, python: str, worlds: int, steps: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as place:
         file, out = Path(place) / "robot.xml", Path(place) / "out.json"
         write_mjcf(robot, file)
-        words = [python, Path(__file__).parent / "warp_worlds.py", file, str(worlds), str(steps)]
+        program = str(Path(__file__).parent / "warp_worlds.py")
+        words = [python, program, str(file), str(worlds), str(steps), str(out)]
         try:
-            done = subprocess.run([*words, out], capture_output=True, text=True, check=False)
+            done = subprocess.run(words, capture_output=True, text=True, check=False)
         except OSError as error:
             raise InputError("--python", "an interpreter", error.strerror or error) from None
         if re.search("No module named '(mujoco|mujoco_warp|warp)'", done.stderr):

@@ -52,8 +52,8 @@ def measure(name: str, case: Case, arguments: cli.Arguments) -> list[list[Any]]:
         far = None if step == STEPS[-1] else 1e3 * rods.distance(ours[step], finest)
         rows.append([name, code, None, far, float(np.median(walls))])
     for code, (version, tip, wall) in theirs.items():
-        far = [1e3 * rods.distance(tip, other) for other in (given[code], finest)]
-        rows.append([name, f"{code} {version}", *far, wall])
+        gaps = [1e3 * rods.distance(tip, other) for other in (given[code], finest)]
+        rows.append([name, f"{code} {version}", *gaps, wall])
     return rows
 
 
