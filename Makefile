@@ -65,6 +65,7 @@ lint: $(CHECKS)
 	$(BIN)/python .ci/house.py
 
 docs: $(CHECKS)
+	$(BIN)/python -m tests.proof gallery
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --config-file docs/site/mkdocs.yml
 
 $(PRODUCT): pyproject.toml

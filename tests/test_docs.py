@@ -236,3 +236,19 @@ def test_files_that_the_readme_names_exist() -> None:
     names = re.findall(r"\]\(([\w./]+)\)", text) + re.findall(r"`(scripts/\w+\.py)", text)
     assert names
     assert [name for name in names if not (ROOT / name).exists()] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_with_a_program_of_the_proof_says_that_it_needs_a_checkout(page: Path) -> None:
+    text = re.sub(r"<!--.*?-->", "", page.read_text(encoding="utf-8"))
+    if PROOF in text:
+        assert "checkout" in text
+
+
+def test_no_page_needs_the_site_to_be_read() -> None:
+    """No directives as text, and no link to a page that only the site has."""
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        assert not re.search(r"^:::", text, re.M), page.name
+        links = re.findall(r"\]\((?!\w+:|#)([^)#\s]+)", re.sub(r"```.*?```", "", text, flags=re.S))
+        assert [name for name in links if not (page.parent / name).exists()] == [], page.name

@@ -1,8 +1,9 @@
-"""The parts of the site that no Markdown file holds: the commands, and formulas as MathML."""
+"""The parts of the site that no Markdown file holds: commands, replays, formulas as MathML."""
 
 import html
 import importlib
 import re
+from pathlib import Path
 from xml.etree.ElementTree import Element, tostring
 
 from latex2mathml.converter import convert_to_element
@@ -11,26 +12,60 @@ from mkdocs.structure.files import File, Files
 from softdyn.commands.__main__ import COMMANDS, spelt
 
 # as pymdownx.arithmatex marks them
+NAMES = re.compile(r"^\*Names of `([\w.]+)`:\* (.+)$", re.M)  # in api.md
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.S)
 TAG = re.compile(r"\\tag\{(\w+)\}")
 # under their operator in a displayed formula
 LIMITS = {"min", "max", "\u2211"}  # Σ
+# `python -m tests.proof gallery` writes them
+REPLAYS = Path(__file__).parents[2] / "build" / "gallery"
+STILL = re.compile(r'<img [^>]*src="gallery/(\w+)\.png"[^>]*>')
+# a click puts the replay in the picture's place; without scripts it opens the page
+PLAY = "this.outerHTML='<iframe class=replay src='+this.href+'></iframe>';return false"
 
 
 def on_files(files: Files, config) -> Files:
-    """Add commands.md, the output of `softdyn NAME --help` for each command."""
-    files.append(File.generated(config, "commands.md", content=commands()))
+    """Add the replays of the gallery.
+
+    Raises
+    ------
+    FileNotFoundError
+        A replay is not made yet.
+    """
+    for still in sorted(Path(config["docs_dir"]).glob("gallery/*.png")):
+        page = REPLAYS / f"{still.stem}.html"
+        if not page.is_file():
+            raise FileNotFoundError(f"{page}: `python -m tests.proof gallery` makes it")
+        files.append(File.generated(config, f"gallery/{page.name}", abs_src_path=str(page)))
     return files
 
 
+def on_page_markdown(markdown: str, page, **_) -> str:
+    """Add each command's help to commands.md, and to api.md the docstrings of its names."""
+    if page.file.src_uri == "commands.md":
+        return markdown + commands()
+    if page.file.src_uri == "api.md":
+        return NAMES.sub(lambda found: found[0] + "\n\n" + docstrings(found[1], found[2]), markdown)
+    return markdown
+
+
+def docstrings(module: str, names: str) -> str:
+    """The directive that shows the docstrings of names in backticks."""
+    members = ", ".join(re.findall(r"`(\w+)`", names))
+    return f"::: {module}\n    options:\n      members: [{members}]\n"
+
+
 def on_page_content(content: str, **_) -> str:
-    """Replace each formula by its MathML, which browsers draw without a script or a network."""
+    """Replace formulas by MathML, which browsers draw without a script; let stills play."""
+    content = STILL.sub(
+        r'<a class="still" href="gallery/\1.html" onclick="' + PLAY + r'">\g<0></a>', content
+    )
     return FORMULA.sub(lambda found: formula(html.unescape(found[2]), found[1] == "div"), content)
 
 
 def commands() -> str:
-    """The page as Markdown."""
-    lines = ["# Commands", "", "`softdyn NAME --help` prints these texts.", ""]
+    """The commands' help as Markdown."""
+    lines = [""]
     for purpose, names in COMMANDS.items():
         lines += [f"## {purpose.capitalize()}", ""]
         for name in names:

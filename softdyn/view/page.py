@@ -103,6 +103,8 @@ class Track:
         Whether it ended before its time.
     full : ndarray or None, (nu,)
         Input at which cables have the colour of full tension; by default its bound.
+    pulls : ndarray or None, (N, 6)
+        Force (N) of a pull in each frame and the point (m) where it acts, NaN where there is none.
     """
 
     figure: int
@@ -117,12 +119,14 @@ class Track:
     path: np.ndarray | None = None
     failed: bool = False
     full: np.ndarray | None = None
+    pulls: np.ndarray | None = None
 
     @property
     def data(self) -> dict[str, Any]:
         """The track as JSON."""
         return vars(self) | {
-            "frames": base64.b64encode(self.frames.astype("<f4").tobytes()).decode(),
+            "frames": _packed(self.frames),
+            "pulls": None if self.pulls is None else _packed(self.pulls),
             "tint": self.colour if self.tint else None,
             "path": None if self.path is None else np.round(self.path, 5).tolist(),
             "full": None if self.full is None else np.asarray(self.full).tolist(),
@@ -227,6 +231,10 @@ def frames(
     goals = np.zeros((len(q), 0)) if targets is None else targets
     columns = (np.reshape(t, (-1, 1)), coordinates, u, goals, y, y_ref)
     return np.concatenate(columns, axis=1, dtype=np.float32)
+
+
+def _packed(rows: np.ndarray) -> str:
+    return base64.b64encode(rows.astype("<f4").tobytes()).decode()
 
 
 @cache

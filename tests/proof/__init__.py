@@ -9,7 +9,8 @@ of them.
 - `wraps`: cables around cylinders and spheres, against MuJoCo and by differences;
 - `rig_faults`: runs on a served rig that fail at random times;
 - `planted`: `compare` against defects planted in random robots;
-- `pictures`, `film`: the documents' pictures and clips;
+- `pictures`, `gallery`, `film`: the documents' pictures, the replays of the site, clips;
+- `batches`: our robots in MuJoCo Warp, with the figures of docs/gpu.md;
 - `tables`, `documents`: the documents' tables;
 - `weights`: the size of each package that an installation brings;
 - `rests`: equilibria at the paper's set points, with the figures of docs/statics_measured.md;

@@ -13,7 +13,8 @@ PROGRAMS = (
     "step_time", "hostile", "throughput", "observer_time", "loop_time", "live_time",
     "compare_steps", "scaling", "rig_faults",
     "rests", "poses", "scenes", "barrier_time", "obstacle", "estimates.forces", "tables",
-    "pictures", "weights", "wraps",
+    "pictures", "gallery", "batches", "weights",
+    "wraps",
 )  # fmt: skip
 
 # a program's name → its module

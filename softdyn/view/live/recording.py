@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from softdyn.view.scene import Figure
 
 MOST = 36_000  # frames of a recording
+PULL = 6  # numbers of a pull: its force and its point
 RAYS = 40  # random inputs that are raised to find reachable points
 BATCH = 0.4  # s of search between two batches of points
 
@@ -29,7 +30,7 @@ class Recording:
     figure : bytes
         The robot's figure, pickled, because most servers never need it.
     replayed : int
-        Number of columns of a frame that a replay shows.
+        Number of columns that a replay has as its frames; the pull's force and point follow.
     title : str
         Title of the page.
     """
@@ -53,7 +54,7 @@ class Recording:
         """Keep a frame that is later than the one before; True if the recording is full."""
         if not self.on:
             return False
-        row = np.frombuffer(frame, "<f4")[: self._replayed].copy()
+        row = np.frombuffer(frame, "<f4")[: self._replayed + PULL].copy()
         if self._rows and row[0] < self._rows[-1][0]:
             self._rows = []  # the time was reset: a new run
         if not self._rows or row[0] > self._rows[-1][0]:
@@ -74,7 +75,9 @@ class Recording:
             return ""
         from softdyn.view.page import Page, PlayedRun, Track
 
-        run = PlayedRun("recorded", (Track(0, self._done, self._title),))
+        frames, pulls = np.hsplit(self._done, [self._replayed])
+        track = Track(0, frames, self._title, pulls=pulls if np.isfinite(pulls).any() else None)
+        run = PlayedRun("recorded", (track,))
         return Page(self._title, (self._figure,), (run,)).html()
 
     def rests(self) -> Iterator[list[list[float]]]:

@@ -3,7 +3,7 @@
 
 const T = MeshCat.THREE;
 let STOPS = [];  // colours of tension, from the page
-const TARGET = 0xd3202f, PATH = 0x8a94a0, TRAIL = 0x2b6f9e;
+const TARGET = 0xd3202f, PATH = 0x8a94a0, TRAIL = 0x2b6f9e, FORCE = 0xe07b00;
 
 function shade(value) {  // [-1, 1] -> [r, g, b] in 0 ... 1
   const x = Math.max(-1, Math.min(1, value || 0));
@@ -56,6 +56,29 @@ function lay(object, a, b, radius) {  // a rod from a to b
   object.position.addVectors(a, b).multiplyScalar(0.5);
   if (length > 1e-9) object.quaternion.setFromUnitVectors(UP, along.divideScalar(length));
   object.scale.set(radius, Math.max(length, 1e-9), radius);
+}
+
+// A force: an arrow at its point, of full length at the force `most`.
+class Pull {
+  constructor(parent, size, most) {
+    [this.size, this.most] = [size, most];
+    this.arrow = new T.ArrowHelper(new T.Vector3(0, 0, 1), new T.Vector3(), 1, FORCE);
+    this.arrow.visible = false;
+    this.end = new T.Vector3();
+    parent.add(this.arrow);
+  }
+  show(force, point) {  // the force's size (N)
+    const newtons = Math.hypot(...force);
+    this.arrow.visible = newtons > 0;
+    if (!(newtons > 0)) return 0;
+    const way = new T.Vector3(...force).divideScalar(newtons);
+    const length = this.size * (0.05 + 0.45 * Math.min(1, newtons / this.most));
+    this.arrow.position.set(...point);
+    this.arrow.setDirection(way);
+    this.arrow.setLength(length, 0.05 * this.size, 0.03 * this.size);
+    this.end.copy(this.arrow.position).addScaledVector(way, length);
+    return newtons;
+  }
 }
 
 // Rods through points; one may show only the first few.

@@ -28,6 +28,12 @@ class Track {
       line.show(Infinity);
     }
     stage.add(this.object);
+    if (data.pulls) {
+      const numbers = new Float32Array(bytes(data.pulls)), at = i => numbers.subarray(6 * i, 6 * i + 6);
+      this.pulls = Array.from({length: numbers.length / 6}, (_, i) => at(i));
+      const forces = this.pulls.map(row => Math.hypot(...row.subarray(0, 3))).filter(f => f > 0);
+      this.pull = new Pull(this.object, size, Math.max(...forces));
+    }
     this.frames = [];
     this.push(new Float32Array(bytes(data.frames || "")));
   }
@@ -73,6 +79,8 @@ class Track {
     const goals = 1 + this.dof + this.nu, row = f => f.subarray(goals, goals + this.numbers);
     this.goals.show(row(a), row(b), s);
     this.trail.show(this.aims ? i : 0);
+    if (this.pull)
+      this.newtons = this.pull.show(this.pulls[i].subarray(0, 3), this.pulls[i].subarray(3));
     this.now = this.error(s < 0.5 ? a : b);
     this.tip = this.vector(s < 0.5 ? a : b, 6);
   }
@@ -200,6 +208,12 @@ class Player {
         element(row, "b", name);
         return element(row, "output");
       });
+      if (track.pull) {
+        const row = element(list, "li");
+        element(row, "i").style.background = "#" + FORCE.toString(16);
+        element(row, "b", "pull");
+        track.force = element(row, "output");
+      }
       if (track.note) element(list, "li", track.note, "note");
     }
     this.stateNote = element(list, "li", "", "note");
@@ -218,6 +232,7 @@ class Player {
     for (const track of this.tracks) {
       if (!track.readout || track.now === undefined) continue;
       track.place.value = track.tip.map(x => (100 * x).toFixed(1)).join(", ") + " cm";
+      if (track.pull) track.force.value = track.newtons ? `${digits(track.newtons)} N` : "none";
       if (!track.aims) continue;
       const gone = this.time > track.failedAt + 1e-6;
       track.goals.misses().forEach((text, i) => { track.misses[i].value = text; });

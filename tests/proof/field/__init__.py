@@ -5,24 +5,27 @@
 - `rods`: our rollouts: distances to the published tips, convergence
 - `drag`: our rod with PyElastica's external damping; PyElastica's rod
 - `peers`: the others' programs, run and timed in an environment of their own
-- `pyelastica_rod`, `soromox_rod`: programs for that environment
+- `pyelastica_rod`, `soromox_rod`, `soromox_newest`: programs for that environment
+- `newest`: the newest versions of the others, beside ours with their step
 - `tentacle`: a real arm's poses, identified
 - `page`: tables, figures, the blocks of docs/field.md
 """
 
 from __future__ import annotations
 
+from softdyn import InputError
 from softdyn.commands import cli
 
 EPILOG = """\
 FOLDER is a checkout of github.com/tud-phi/soromox (MIT). --peers PYTHON is the interpreter of an
-environment with pyelastica 0.3.3 and soromox 0.2.3; it times their programs beside ours.
+environment with pyelastica 0.3.3 and soromox 0.2.3; it times their programs beside ours. The case
+newest needs an environment with pyelastica 1.0 and soromox 0.5 instead.
 --write FILE replaces the case's block in a document, and draws its figure beside it.
 
 exit codes: 0 done; 2 bad input.
 """
 
-CASES = ("rod", "planar", "spatial", "linear", "tentacle")
+CASES = ("rod", "planar", "spatial", "linear", "tentacle", "newest")
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("case", choices=CASES, help="the published rollout")
@@ -36,10 +39,14 @@ cli.add_json(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Measure, report, write."""
-    from tests.proof.field import cases, page, peers, published, rods, tentacle
+    from tests.proof.field import cases, newest, page, peers, published, rods, tentacle
 
     if arguments.case == "tentacle":
         return tentacle.command(arguments)
+    if arguments.case == "newest":
+        if arguments.peers is None:
+            raise InputError("--peers", "an interpreter with pyelastica and soromox", "none")
+        return newest.command(arguments)
     case = cases.CASES[arguments.case]
     tips = published.read(arguments.data, case)
     found = rods.measure(case, tips)

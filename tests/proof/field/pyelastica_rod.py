@@ -15,16 +15,22 @@ from __future__ import annotations
 import json
 import sys
 import time
+from importlib.metadata import version
 from typing import Any
 
 import elastica as ea
 import numba
 import numpy as np
-from elastica.timestepper import extend_stepper_interface
+
+VERSION = version("pyelastica")
 
 
 class Simulator(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping):
-    """The modules that a rod needs; PyElastica 0.3.3 collects dampers, but never applies them."""
+    """The modules that a rod needs."""
+
+
+class Damped(Simulator):
+    """PyElastica 0.3.3 collects dampers, but never applies them."""
 
     def constrain_rates(self, time: float) -> None:
         """Constrain the rates, then damp them, as earlier versions did."""
@@ -109,8 +115,9 @@ class Viscosity(ea.NoForces):
 
 
 def build(case: dict[str, Any]) -> tuple[Any, Any, Any]:
-    """The rod, and the two parts of its stepper."""
-    simulator, n, dt = Simulator(), case["elements"], case["dt"]
+    """The rod, its simulator and the stepper."""
+    made = Damped() if VERSION.startswith("0.") else Simulator()
+    simulator, n, dt = made, case["elements"], case["dt"]
     E = case["youngs_modulus"]
     inside = case["length"] / (2 * n - 1) if case.get("half_clamped") else 0.0
     rod = ea.CosseratRod.straight_rod(
@@ -139,18 +146,17 @@ def build(case: dict[str, Any]) -> tuple[Any, Any, Any]:
     if case.get("time_constant"):
         simulator.add_forcing_to(rod).using(Viscosity, case["time_constant"], dt)
     simulator.finalize()
-    stepper = ea.PositionVerlet()
-    return rod, simulator, (stepper, *extend_stepper_interface(stepper, simulator))
+    return rod, simulator, ea.PositionVerlet()
 
 
 def run(case: dict[str, Any], seconds: float) -> tuple[np.ndarray, float]:
     """t, x, y, z of the tip every `sample` seconds (samples, 4), and the time it took (s)."""
-    rod, simulator, (stepper, do_step, stages) = build(case)
+    rod, simulator, stepper = build(case)
     dt = case["dt"]
     every, t, rows = round(case["sample"] / dt), 0.0, [(0.0, *rod.position_collection[:, -1])]
     began = time.perf_counter()
     for k in range(1, round(seconds / dt) + 1):
-        t = do_step(stepper, stages, simulator, t, dt)
+        t = stepper.step(simulator, t, dt)
         if k % every == 0:
             rows.append((t, *rod.position_collection[:, -1]))
     return np.array(rows), time.perf_counter() - began
@@ -166,7 +172,7 @@ def main() -> None:
         found, wall = run(case, case["seconds"])
         tips.append(found)
         walls.append(wall)
-    np.savez(sys.argv[2], tip=tips[0], wall=walls, compiling=compiling)
+    np.savez(sys.argv[2], tip=tips[0], wall=walls, compiling=compiling, version=VERSION)
 
 
 if __name__ == "__main__":

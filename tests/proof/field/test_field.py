@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import zipfile
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.io import savemat
 
 from softdyn import InputError
-from tests.proof.field import cases, drag, page, published, rods
+from tests.proof.field import cases, drag, newest, page, published, rods
 from tests.support.command import left_as_it_was
 
 
@@ -100,3 +101,27 @@ def test_one_line_for_a_wrong_folder(capsys, tmp_path):
     with left_as_it_was():
         assert main(["field", "rod", "--data", str(tmp_path)]) == 2
     assert "expected a folder with paper_results/secIVa" in capsys.readouterr().err
+
+
+def test_the_newest_versions_need_an_interpreter(capsys, tmp_path):
+    from tests.proof.__main__ import main
+
+    with left_as_it_was():
+        assert main(["field", "newest", "--data", str(tmp_path)]) == 2
+    assert "expected an interpreter with pyelastica and soromox" in capsys.readouterr().err
+
+
+def test_a_rod_with_the_newest_versions_has_ours_with_two_steps_and_theirs(monkeypatch):
+    theirs = cases.CASES["planar"].in_their_frame(np.zeros((300, 3)))
+    names = (published.PYELASTICA, published.SOROMOX)
+    monkeypatch.setattr(published, "read", lambda *_: dict.fromkeys(names, theirs))
+    monkeypatch.setattr(newest, "_pyelastica", lambda *_: ("1", theirs, 0.5))
+    monkeypatch.setattr(newest, "_soromox", lambda *_: ("2", theirs + np.array([3e-3, 0, 0]), 0.6))
+    monkeypatch.setattr(rods, "USUAL", 3)
+    rows = newest.measure("planar", cases.CASES["planar"], SimpleNamespace(data="", runs=1))
+    assert [row[1] for row in rows] == [
+        "ours, 3 joints, 1 ms", "ours, 3 joints, 0.1 ms", "PyElastica 1", "SoRoMoX 2"
+    ]  # fmt: skip
+    assert 0 < rows[0][3] < 5
+    assert rows[2][2] == 0
+    assert rows[3][2] == pytest.approx(3.0)

@@ -10,6 +10,8 @@ import pytest
 from softdyn.view.live import recording
 from softdyn.view.live.recording import Recording
 
+PULL = [1, 2, 3, 4, 5, 6]  # force and point
+
 
 def frame(*values):
     return np.array(values, "<f4").tobytes()
@@ -20,14 +22,16 @@ def made():
     return Recording(pickle.dumps(None), 2, "robot")
 
 
-def test_a_recording_begins_at_zero_with_the_columns_of_a_replay(made):
+def test_a_recording_begins_at_zero_with_the_columns_of_a_replay_and_of_a_pull(made):
     assert not made.add(frame(1, 2, 3))
     assert not made.end()  # it was not on
     made.begin()
     for t in (10.0, 10.5, 10.5, 12.0):  # a robot that stands still shows one frame again
-        made.add(frame(t, 2 * t, 9))
+        made.add(frame(t, 2 * t, *PULL, 9))
     assert made.end()
-    assert made._done.tolist() == [[0.0, 20.0], [0.5, 21.0], [2.0, 24.0]]
+    assert made._done.tolist() == [
+        [0.0, 20.0, *PULL], [0.5, 21.0, *PULL], [2.0, 24.0, *PULL]
+    ]  # fmt: skip
     assert not made.add(frame(13, 2, 3))
 
 

@@ -1,7 +1,7 @@
 "use strict";
 // A robot that runs somewhere else: draws its frames, and sends the user's actions to the server.
 
-const FORCE = 0xe07b00, REACH = 0x1b9e77, GHOST = "#7b52ab";
+const REACH = 0x1b9e77, GHOST = "#7b52ab";
 const SPANS = [[12, "12 s"], [60, "1 min"], [300, "5 min"]];  // of the plots
 const LEAST = 1e-4;  // on a logarithmic axis
 const EVERY = 33;  // ms between two messages of one drag
@@ -265,8 +265,7 @@ class Live {
     this.trail.frustumCulled = false;
     this.trail.count = 0;
     this.trail.geometry.setDrawRange(0, 0);
-    this.arrow = new T.ArrowHelper(new T.Vector3(0, 0, 1), new T.Vector3(), 1, FORCE);
-    this.arrow.visible = false;
+    this.pull = new Pull(this.stage, this.size, this.scene.pull);
     this.ghost = new Figure(this.scene.figure, {opacity: 0.35,
       tint: this.scene.mode == "explore" ? "#d3202f" : GHOST});
     for (const {rods} of this.ghost.cables) for (const rod of rods) rod.visible = false;
@@ -279,7 +278,7 @@ class Live {
       {color: FORCE, opacity: 0.35, transparent: true, depthWrite: false}));
     this.ellipsoid.matrixAutoUpdate = false;
     this.ellipsoid.visible = false;
-    for (const object of [this.trail, this.arrow, this.ghost.object, this.points, this.ellipsoid])
+    for (const object of [this.trail, this.ghost.object, this.points, this.ellipsoid])
       this.stage.add(object);
     if (this.scene.path) {
       const line = new Thread(this.stage, PATH, 0.0018 * this.size, 1);
@@ -294,18 +293,11 @@ class Live {
     this.viewer.set_dirty();
   }
   drawForce(force, point) {
-    const size = Math.hypot(...force), label = this.find("newtons");
-    this.arrow.visible = size > 0;
-    label.style.visibility = size > 0 ? "visible" : "hidden";
-    if (!(size > 0)) return;
-    const length = this.size * (0.05 + 0.45 * Math.min(1, size / this.scene.pull));
-    const way = new T.Vector3(...force).divideScalar(size);
-    this.arrow.position.set(...point);
-    this.arrow.setDirection(way);
-    this.arrow.setLength(length, 0.05 * this.size, 0.03 * this.size);
-    const end = this.stage.localToWorld(this.arrow.position.clone().addScaledVector(way, length))
-      .project(this.viewer.camera);
-    label.value = `${digits(size)} N`;
+    const newtons = this.pull.show(force, point), label = this.find("newtons");
+    label.style.visibility = newtons ? "visible" : "hidden";
+    if (!newtons) return;
+    const end = this.stage.localToWorld(this.pull.end.clone()).project(this.viewer.camera);
+    label.value = `${digits(newtons)} N`;
     label.style.transform =
       `translate(${(end.x + 1) / 2 * innerWidth + 8}px, ${(1 - end.y) / 2 * innerHeight - 10}px)`;
   }
