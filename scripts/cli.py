@@ -230,12 +230,12 @@ def lacks(robot: Robot) -> dict[str, str]:
 
 
 def best_note(model: SoftModel, name: str, gains: str | None) -> str:
-    """A line saying that `best` is `mpc` for a robot without a tuned schedule; else empty."""
+    """A line saying which controller `best` is, for a robot without a schedule; else empty."""
     from softdyn.controllers.schedule import tuned
 
     if name != "best" or gains is not None or model.nu == 0 or tuned(model) is not None:
         return ""
-    return f"best is mpc here: {model.name} has no tuned schedule"
+    return f"best is mpc that aims at equilibria here: {model.name} has no tuned schedule"
 
 
 def program(

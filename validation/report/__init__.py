@@ -5,6 +5,7 @@
 - `plot_data`: the thinned data of each run that the figures show
 - `figures`: the paper's figures: Lyapunov functions, paths, errors
 - `time_figures`: inputs over time; errors and inputs of a few saved runs
+- `sweep_figure`: the figure of merit of a sweep's cases over each parameter that varies
 - `statics_figure`: the stable equilibria of a robot's tip
 - `uncertainty_figure`: an arm coloured by what sensors leave open
 - `replay`: a page that replays logs
