@@ -83,8 +83,8 @@ def draw(sweep: Sweep, found: Sequence[Row], folder: Path) -> list[Path]:
                     rows = [(case, result) for case, result in found
                             if (case.robot, case.controller) == (robot, controller)]  # fmt: skip
                     _draw(axes, panel, rows, sweep.figure, colours[controller], shift)
-            values = [r.get(sweep.figure) for case, r in found if case.robot == robot]
-            values = [value for value in values if value is not None]
+            every = [r.get(sweep.figure) for case, r in found if case.robot == robot]
+            values = [value for value in every if value is not None]
             if values and _spans_decades(values):
                 log_axis(row[0])  # the others of the row share it
             row[0].set_ylabel(f"{look.robot_title(robot)}\n{FIGURES[sweep.figure]}")
