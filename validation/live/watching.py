@@ -10,11 +10,11 @@ import numpy as np
 
 from softdyn.description.visuals import Visual
 from softdyn.tasks.marks import marks_of, target_row
+from softdyn.validation.loop import setups
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.labels import controller_title
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.record import ControlStep, tasks_in
-from softdyn.validation.studies import experiments
 from softdyn.view.live.channel import Channel
 from softdyn.view.live.frames import Columns
 from softdyn.view.live.pacing import RATE, Clock
@@ -79,7 +79,7 @@ def open_watch_page(
         title += f", in {loop.plant.settings['plant']}"
     page = live_page(
         figure, "watch", title=title, period=loop.grid.period,
-        path=experiments.ellipse_points(model) if on_ellipse else None,
+        path=setups.ellipse_points(model) if on_ellipse else None,
     )  # fmt: skip
     replayed = Columns(model, figure.numbers).replayed
     return Channel(page, figure, replayed=replayed, title=robot, port=port)

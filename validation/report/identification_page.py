@@ -14,7 +14,7 @@ from softdyn.identification import Identified
 from softdyn.identification.data import spread
 from softdyn.identification.hints import PARTS, where
 from softdyn.identification.result import NOT_WHITE
-from softdyn.validation.report.plot_style import style
+from softdyn.validation.loop.pictures.plot_style import style
 from softdyn.validation.tables import Table
 from softdyn.view.page import head
 

@@ -149,7 +149,7 @@ def draw_all(cases: Sequence[Case], folder: Path, jobs: int = -1) -> dict[str, A
 
 def draw(cases: Sequence[Case], folder: Path) -> dict[str, str]:
     """Write replay and thumbnail of a robot with a controller; return the runs' versions."""
-    from softdyn.validation.report.replay import replays
+    from softdyn.validation.loop.pictures.replay import replays
     from softdyn.validation.report.thumbnail import thumbnail
     from softdyn.view.scene import Figure
 

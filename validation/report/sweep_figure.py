@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from softdyn.validation.report import plot_style as look
-from softdyn.validation.report.figures import FINEST, log_axis
+from softdyn.validation.loop.pictures import plot_style as look
+from softdyn.validation.loop.pictures.time_figures import FINEST
+from softdyn.validation.report.figures import log_axis
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.sweep import FIGURES, TARGETS, Sweep, parameter
 from softdyn.validation.studies.sweep_report import Row, label, value_text

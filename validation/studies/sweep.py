@@ -19,8 +19,8 @@ from softdyn.controllers.gains import from_table
 from softdyn.controllers.qps.horizon import default_horizon
 from softdyn.exceptions import errors_in
 from softdyn.validation.files import safe_filename
+from softdyn.validation.loop import setups
 from softdyn.validation.loop.labels import cell_title
-from softdyn.validation.studies import experiments
 from softdyn.validation.studies.axes import Axis
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import NAMES, Case, legible
@@ -285,7 +285,7 @@ class Sweep:
         self, robot: str, kind: str, values: dict[str, Any]
     ) -> Iterator[dict[str, Any]]:
         """A combination at the shorter periods, then at its own."""
-        usual = values.get("run.period", experiments.setup_of(self.models[robot]).period)
+        usual = values.get("run.period", setups.setup_of(self.models[robot]).period)
         if kind != "tracking":
             yield from (
                 values | {"run.period": period} for period in self.shorter_periods

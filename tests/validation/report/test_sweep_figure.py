@@ -6,7 +6,8 @@ import matplotlib.figure
 import numpy as np
 import pytest
 
-from softdyn.validation.report import plot_style, sweep_figure
+from softdyn.validation.loop.pictures import plot_style
+from softdyn.validation.report import sweep_figure
 from softdyn.validation.studies.sweep_file import read_sweep
 
 TEXT = """
