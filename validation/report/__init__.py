@@ -8,5 +8,6 @@
 - `uncertainty_figure`: an arm coloured by what sensors leave open
 - `identification_page`: a fit to measurements, its residuals and intervals
 - `pair_page`: two files of one robot as a page, each a `drawing`
+- `document_page`: the shell of the pages to read: style, tables, figures
 - `index`, `thumbnail`: the page of a benchmark, with a picture of each robot and controller
 """

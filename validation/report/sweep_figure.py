@@ -54,22 +54,16 @@ class Panel:
         return self.categories.index(_text(value)) + shift if self.categories else value
 
 
-def draw(sweep: Sweep, found: Sequence[Row], folder: Path) -> list[Path]:
-    """Draw a row of panels per robot, a colour per controller, as ``sweep.pdf`` and ``sweep.png``.
+def draw(sweep: Sweep, found: Sequence[Row], path: Path) -> bool:
+    """Draw a row of panels per robot, a colour per controller; return whether there is a figure.
 
-    Where nothing varies, there is no figure, and an older one is removed.
-
-    Returns
-    -------
-    list of Path
-        The files.
+    Where nothing varies, there is none, and an older one is removed.
     """
     panels = [panel for panel in _panels(sweep) if len(set(panel.values.values())) > 1][:MOST]
     robots = [name for name in sweep.robots if any(case.robot == name for case, _ in found)]
     if not panels or not robots:
-        for kind in look.SUFFIXES:
-            (folder / f"sweep{kind}").unlink(missing_ok=True)
-        return []
+        path.unlink(missing_ok=True)
+        return False
     colours = look.looks(sweep.controllers, look.CONTROLLERS)
     widths = [panel.width for panel in panels]
     with look.style():
@@ -101,7 +95,8 @@ def draw(sweep: Sweep, found: Sequence[Row], folder: Path) -> list[Path]:
         titles = {name: look.controller_title(name) for name in sweep.controllers}
         dot = look.handle("a case (lines: medians)", (look.NEUTRAL, ""), marker="o", markersize=2.5)
         look.legend_above(figure, [*look.legend_handles(titles, colours, failed), dot])
-        return look.save(figure, folder / "sweep")
+        look.write_figure(figure, path)
+    return True
 
 
 def _panels(sweep: Sweep) -> list[Panel]:

@@ -24,17 +24,20 @@ samples.count = 2
 
 @pytest.fixture
 def drawn(tmp_path, monkeypatch):
-    """Draw a sweep with these figures of its cases: (the figure, the files)."""
+    """Draw a sweep with these figures of its cases: (the figure or None, the cases)."""
     kept = []
-    save = plot_style.save
-    monkeypatch.setattr(plot_style, "save", lambda f, path: kept.append(f) or save(f, path))
+    write = plot_style.write_figure
+    monkeypatch.setattr(
+        plot_style, "write_figure", lambda f, path: kept.append(f) or write(f, path)
+    )
 
     def draw(text, figure_of):
         (tmp_path / "sweep.toml").write_text(text)
         sweep = read_sweep(tmp_path / "sweep.toml")
         found = [(case, figure_of(case)) for case in sweep.cases]
-        files = sweep_figure.draw(sweep, found, tmp_path)
-        return (kept.pop() if files else None), files, found
+        there = sweep_figure.draw(sweep, found, tmp_path / "sweep.png")
+        assert there == (tmp_path / "sweep.png").exists()
+        return (kept.pop() if there else None), found
 
     return draw
 
@@ -54,9 +57,7 @@ def dots(axes):
 
 def test_every_case_is_a_dot_in_every_panel(drawn):
     kp = lambda case: case.parameters["Kp"]  # noqa: E731
-    figure, files, found = drawn(TEXT, lambda case: done(kp(case) / 100 * (1 + case.value)))
-    assert [path.name for path in files] == ["sweep.pdf", "sweep.png"]
-    assert all(path.stat().st_size > 1000 for path in files)
+    figure, found = drawn(TEXT, lambda case: done(kp(case) / 100 * (1 + case.value)))
     gain, eps, change, theta = figure.axes
     titles = [axes.get_xlabel() for axes in figure.axes]
     assert titles == ["Kp (1/s²)", "eps (s)", "change", "θ (π rad)"]
@@ -85,7 +86,7 @@ def test_failed_cases_are_crosses_even_without_a_figure(drawn):
         100: {"outcome": "failed", "final_error_cm": 30.0},
         1000: {"outcome": "raised", "final_error_cm": None},
     }
-    figure, _, _ = drawn(text, lambda case: results[case.parameters["Kp"]])
+    figure, _ = drawn(text, lambda case: results[case.parameters["Kp"]])
     (axes,) = figure.axes
     assert dots(axes) == [(10, 1.0)]
     assert axes.get_yscale() == "log"
@@ -96,12 +97,11 @@ def test_failed_cases_are_crosses_even_without_a_figure(drawn):
     assert "failed run" in [text.get_text() for text in legend.get_texts()]
 
 
-def test_a_sweep_in_which_nothing_varies_has_no_figure(drawn, tmp_path):
+def test_a_sweep_in_which_nothing_varies_has_no_figure(drawn):
     text = 'robots = "finger"\ncontrollers = "ic"\ntargets.theta = 0.5\ngains.Kp = '
-    figure, _, _ = drawn(text + "[10, 20]", lambda case: done(1.0))
+    figure, _ = drawn(text + "[10, 20]", lambda case: done(1.0))
     assert isinstance(figure, matplotlib.figure.Figure)
-    assert drawn(text + "10", lambda case: done(1.0))[:2] == (None, [])
-    assert not list(tmp_path.glob("sweep.p*"))  # the older one
+    assert drawn(text + "10", lambda case: done(1.0))[0] is None  # and the older one is gone
 
 
 def test_the_command_writes_it_and_the_page_shows_it(tmp_path, capsys):

@@ -41,8 +41,7 @@ def replay(log: AnyLog, model: SoftModel, around: Sequence[Visual] = ()) -> Page
     InputError
         When the log is another robot's.
     """
-    figure = _figure(model, [log])
-    figure = replace(figure, scenery=(*figure.scenery, *around))
+    figure = _figure(model, [log]).among(None, around)
     run = PlayedRun(goal(log), (track(log, model),))
     return Page(model.bundled or log.robot, (figure,), (run,))
 
@@ -119,7 +118,7 @@ def _figure(model: SoftModel, logs: Sequence[AnyLog]) -> Figure:
     """A robot with the tasks of the first log, among the obstacles of the first that has any."""
     figure = replace(Figure.of(model), marks=logs[0].marks)
     around = next((found for log in logs if (found := log.surroundings) is not None), None)
-    return figure if around is None else replace(figure, scenery=around.visuals(figure.size))
+    return figure.among(around)
 
 
 def track(
