@@ -34,6 +34,7 @@ BARS = {
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("--count", type=int, default=200, help="robots (default: 200)")
+parser.add_argument("--first", type=int, default=0, metavar="SEED", help="of a robot (default: 0)")
 parser.add_argument("--states", type=int, default=10, help="states of each (default: 10)")
 parser.add_argument("--trajectories", type=int, default=50, metavar="N",
                     help="robots whose trajectories are compared (default: 50)")  # fmt: skip
@@ -170,7 +171,8 @@ def command(arguments: cli.Arguments) -> int:
         return cli.PASSED
     from softdyn.validation.crosschecks.crosscheck import TOLERANCE_INSIDE
 
-    found = measure(range(arguments.count), arguments.states, arguments.trajectories)
+    seeds = range(arguments.first, arguments.first + arguments.count)
+    found = measure(seeds, arguments.states, arguments.trajectories)
     print(
         f"{arguments.count} robots, {sum(found.contacts.values())} pieces: {dict(found.contacts)}"
     )
