@@ -41,7 +41,7 @@ REPLAYS, THUMBNAILS, LIBRARY = "replays", "thumbnails", "meshcat.js"
 RATE = 20.0  # frames per second of the replays, few because a benchmark has 162 runs
 FIGURES = {
     "tracking": "The tip along the ellipse",
-    "convergence_": "Error over time",
+    "convergence_": "The tip from rest to each set point",
     "error_set_points": "Final errors of the set points",
     "error_trajectories": "Mean squared errors of the trajectories",
     "lyapunov_set_points": "Lyapunov function, set points",
