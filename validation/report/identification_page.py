@@ -39,8 +39,11 @@ def page(name: str, found: Identified) -> str:
         rows.append([one.parameter.label, *shown, one.parameter.nominal, one.parameter.unit])
     table = Table(TITLES, rows, ("", ".6g", "", ".6g", ""))
     bad = [() if one.identified else range(len(TITLES)) for one in found.estimates]
+    held_out = (
+        f"In the part of the data held out the residuals are {found.held_out:.3g} times the fit's."
+    )
     notes = [
-        f"In the part of the data held out the residuals are {found.held_out:.3g} times the fit's.",
+        *([held_out] if np.isfinite(found.held_out) else []),
         *(f"Not identifiable from these data: {text}." for text in found.unidentifiable),
     ]
     if not found.static:
