@@ -34,13 +34,8 @@ HELPERS = (
 MOST_COMMANDS = 18
 # It finds a command by its name, so it alone may import by a string.
 COMMAND_TABLE = "scripts/__main__.py"
-# `Log.plot` and `Log.replay` draw a log, and `SoftModel.measure` reads a model's sensors: the only
-# imports that may close a circle.
-CLOSING_IMPORTS = {
-    ("softdyn.validation.loop.log", "softdyn.validation.report.time_figures"),
-    ("softdyn.validation.loop.log", "softdyn.validation.report.replay"),
-    ("softdyn.dynamics.model", "softdyn.sensing.sensors"),
-}
+# `SoftModel.measure` reads a model's sensors: the only import that may close a circle.
+CLOSING_IMPORTS = {("softdyn.dynamics.model", "softdyn.sensing.sensors")}
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from softdyn.files import read_toml as read_toml  # for the commands
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from softdyn import SoftModel
     from softdyn.description.robot import Robot
     from softdyn.validation import Log
+    from softdyn.view.loopback import Served
 
 PASSED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 Arguments = argparse.Namespace
@@ -230,12 +231,12 @@ def lacks(robot: Robot) -> dict[str, str]:
 
 
 def best_note(model: SoftModel, name: str, gains: str | None) -> str:
-    """A line saying that `best` is `mpc` for a robot without a tuned schedule; else empty."""
+    """A line saying which controller `best` is, for a robot without a schedule; else empty."""
     from softdyn.controllers.schedule import tuned
 
     if name != "best" or gains is not None or model.nu == 0 or tuned(model) is not None:
         return ""
-    return f"best is mpc here: {model.name} has no tuned schedule"
+    return f"best is mpc that aims at equilibria here: {model.name} has no tuned schedule"
 
 
 def program(
@@ -351,6 +352,13 @@ def ends_cleanly() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def offer(page: Served, arguments: Arguments, stream: TextIO | None = None) -> None:
+    """Print the address of a served page, and open it in the browser unless asked not to."""
+    print(f"{page.url}\nCtrl-C ends it", file=stream, flush=True)
+    if not arguments.no_open:
+        page.open()
 
 
 def serve_until(over: Callable[[], bool]) -> None:

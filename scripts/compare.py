@@ -102,9 +102,7 @@ def show(result: Comparison, a: Side, b: Side, arguments: cli.Arguments) -> None
         from softdyn.view.server import Viewer
 
         with cli.ends_cleanly() as over, Viewer(page, arguments.port) as viewer:
-            print(f"{viewer.url}\nCtrl-C ends it", file=sys.stderr, flush=True)
-            if not arguments.no_open:
-                viewer.open()
+            cli.offer(viewer, arguments, sys.stderr)
             cli.serve_until(over)
 
 

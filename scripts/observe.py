@@ -61,7 +61,7 @@ parser.unused("--period --seconds", lambda a: a.log or a.data, "the file has the
 def command(arguments: cli.Arguments) -> int:
     """Observe and report."""
     from softdyn.estimation import observe
-    from softdyn.validation.report import plot_style
+    from softdyn.validation.loop.pictures import plot_style
 
     if arguments.plot is not None:
         if arguments.data is not None:

@@ -70,9 +70,7 @@ def command(arguments: cli.Arguments) -> int:
 
         session = make_session(arguments)
         with open_play_page(session, arguments.port) as channel:
-            print(f"{channel.url}\nCtrl-C ends it", flush=True)
-            if not arguments.no_open:
-                channel.open()
+            cli.offer(channel, arguments)
             drive(session, channel, Clock(session.period, keep=KEPT), over, warn)
     return cli.PASSED
 

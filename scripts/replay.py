@@ -36,12 +36,12 @@ parser.unused("--side-by-side", lambda a: a.html and len(a.logs) == 1, "there is
 def command(arguments: cli.Arguments) -> int:
     """Read the logs and write the page."""
     import softdyn
-    from softdyn.validation.report.replay import comparison, replay
+    from softdyn.validation.loop.pictures.replay import comparison, replay
 
     if arguments.html is None and arguments.plot is None:
         raise softdyn.InputError("arguments", "--html FILE or --plot FILE", "neither")
     if arguments.plot is not None:
-        from softdyn.validation.report.time_figures import look, save_comparison
+        from softdyn.validation.loop.pictures.time_figures import look, save_comparison
 
         look.check_path(arguments.plot)
     if arguments.labels is not None and len(arguments.labels) != len(arguments.logs):

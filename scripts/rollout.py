@@ -70,8 +70,8 @@ def command(arguments: cli.Arguments) -> int:
     import softdyn
     from softdyn.commands.run import make_rig
     from softdyn.validation import rollouts
-    from softdyn.validation.report.replay import comparison
-    from softdyn.validation.report.time_figures import look, save_comparison
+    from softdyn.validation.loop.pictures.replay import comparison
+    from softdyn.validation.loop.pictures.time_figures import look, save_comparison
     from softdyn.validation.rollouts.inputs import read_files
 
     if arguments.plot is not None:

@@ -176,7 +176,7 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.log is not None:
         cli.save_log(log, arguments.log)
     if arguments.html is not None:
-        from softdyn.validation.report.replay import replay
+        from softdyn.validation.loop.pictures.replay import replay
 
         replay(log, model, scenery_of(plant)).save(arguments.html)
     text = log.summary(paper.beside(log), arguments.tolerance)
@@ -335,7 +335,7 @@ def watch(
 ) -> tuple[Log, ViewerCost]:
     """Run the loop while a browser shows it."""
     from softdyn.validation.live import watching
-    from softdyn.validation.report.replay import replay
+    from softdyn.validation.loop.pictures.replay import replay
 
     shapes = scenery_of(plant)
     with watching.open_watch_page(loop, arguments.port, shapes) as channel:

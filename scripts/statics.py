@@ -96,7 +96,7 @@ parser.unused("--hold", lambda a: a.cable_friction, "the twin does not run for -
 
 def command(arguments: cli.Arguments) -> int:
     """Search, judge and report."""
-    from softdyn.validation.report.plot_style import check_path
+    from softdyn.validation.loop.pictures.plot_style import check_path
 
     if arguments.cable_friction and arguments.inputs is None:
         parser.error("argument --friction: only with --inputs")

@@ -31,9 +31,10 @@ noise: one change at a time), horizon (of the soft controller's dynamics), perio
 experiments at several control periods), set_points (14 others on the ellipse, with the nearest
 stable equilibria of those missed).
 
-Below --out: cases/ with one file per case, sweep.csv with all of them, and sweep.md with the best
-ones, or with a table of all if the file asks for it. An interrupted sweep continues where it
-stopped. A case runs again when it, its robot, its controller, softdyn or an engine has changed.
+Below --out: cases/ with one file per case, sweep.csv with all of them, sweep.png with a panel per
+parameter, and sweep.md with the best ones, or with a table of all if the file asks for it. An
+interrupted sweep continues where it stopped. A case runs again when it, its robot, its controller,
+softdyn or an engine has changed.
 
 exit codes: 0 every case has a result, failed loops included; 1 a case could not run, your own code
 raised an error, whose traceback is printed, the scheduler was lost, or a case failed that must not
@@ -107,6 +108,8 @@ def command(arguments: cli.Arguments) -> int:
                 traces.extend(filter(None, [result.trace]))
                 yield index, result
 
+    from softdyn.validation.report import sweep_figure
+
     ran = executors.follow(store.run(jobs, execute), jobs)
     rows, table = sweep_report.sweep_rows(jobs, store), ""
     report = sweep_report.report(wanted, rows, ran)
@@ -117,7 +120,12 @@ def command(arguments: cli.Arguments) -> int:
         )  # fmt: skip
         table = sweep_report.cell_tables(wanted, cells)
         report |= study_options.summaries(cells)
-    report["files"] = sweep_report.write_sweep(wanted, rows, out, table)
+    picture = out / "sweep.png"
+    drawn = sweep_figure.draw(wanted, rows, picture)
+    report["files"] = sweep_report.write_sweep(
+        wanted, rows, out, table, picture.name if drawn else ""
+    )
+    report["files"] += [str(picture)] if drawn else []
     report["wall_s"] = perf_counter() - began
     text = f"{table}\n" if table else sweep_report.summary(report)
     cli.write_report(report, arguments.json, f"{text}\nTables and cases: {out}/")

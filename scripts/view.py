@@ -54,9 +54,7 @@ def command(arguments: cli.Arguments) -> int:
         from softdyn.view.server import Viewer
 
         with Viewer(page, arguments.port) as viewer:
-            print(f"{viewer.url}\nCtrl-C ends it", flush=True)
-            if not arguments.no_open:
-                viewer.open()
+            cli.offer(viewer, arguments)
             cli.serve_until(over)
     return cli.PASSED
 
@@ -66,9 +64,7 @@ def sliders(model: SoftModel, arguments: cli.Arguments, over: Callable[[], bool]
     from softdyn.view.live.explorer import explore, open_explorer_page
 
     with open_explorer_page(model, arguments.port) as channel:
-        print(f"{channel.url}\nCtrl-C ends it", flush=True)
-        if not arguments.no_open:
-            channel.open()
+        cli.offer(channel, arguments)
         explore(model, channel, over)
     return cli.PASSED
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any, TypedDict
 
@@ -20,6 +20,7 @@ from softdyn.description.task_mark import TaskMark
 from softdyn.description.visuals import BoxShape, CylinderShape, Mesh, SphereShape, Visual, visuals
 from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.wraps import RoundBodies, body_of, courses
+from softdyn.safety import Surroundings
 from softdyn.tasks.frames import tasks_of
 from softdyn.tasks.marks import marks_of
 from softdyn.view.skin import skins
@@ -147,6 +148,11 @@ class Figure:
         shapes += tuple(_round_bodies(model.robot))
         marks = marks_of(tasks_of(model)) if tasks and model.robot.tasks else ()
         return cls(model, shapes, tuple(_cables(model, shapes)), problems, marks=marks)
+
+    def among(self, surroundings: Surroundings | None, scenery: Sequence[Visual] = ()) -> Figure:
+        """The figure with shapes of the world around it: obstacles, and other scenery."""
+        obstacles = () if surroundings is None else surroundings.visuals(self.size)
+        return replace(self, scenery=(*self.scenery, *scenery, *obstacles))
 
     @property
     def numbers(self) -> int:

@@ -255,7 +255,9 @@ def test_an_own_robot_to_a_target(call, folder):
 
 def test_best_says_what_it_is_for_a_robot_without_a_schedule(call):
     _, out, _ = call("arm.urdf", "best", "--theta", 0, "--duration", 0.004)
-    assert out.startswith("best is mpc here: finger has no tuned schedule\n")
+    assert out.startswith(
+        "best is mpc that aims at equilibria here: finger has no tuned schedule\n"
+    )
 
 
 def test_an_own_robot_has_an_ellipse_of_its_size(call):

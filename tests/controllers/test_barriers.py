@@ -23,7 +23,7 @@ from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.relaxed_rows import ROOM, RelaxedRows, Rows
 from softdyn.controllers.qps.task_qp import BACKOFF
 from softdyn.validation import simulate
-from softdyn.validation.studies.experiments import setup_of
+from softdyn.validation.loop.setups import setup_of
 from tests.proof.paper.solvers import SymbolicQp
 from tests.support.control_cases import BUNDLED, GAINS, drawn, gains_of, robot
 from tests.support.printed import printed, solve_quadprog

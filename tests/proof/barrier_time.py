@@ -78,7 +78,7 @@ def record(robot: str, path: Path, count: int, states: int, seed: int) -> None:
     from softdyn.controllers import SoftIdClfQp
     from softdyn.controllers.safety_filter import with_barriers
     from softdyn.validation import simulate
-    from softdyn.validation.studies.experiments import setup_of
+    from softdyn.validation.loop.setups import setup_of
     from tests.proof.safety import scenes
 
     model, rows, tables = softdyn.load(robot), [], []

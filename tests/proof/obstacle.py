@@ -57,7 +57,7 @@ def command(arguments: cli.Arguments) -> int:
         for name, log in met.logs.items():
             log.save(f"{arguments.log}-{name.replace(' ', '-')}.npz")
     if arguments.html is not None:
-        from softdyn.validation.report.replay import comparison
+        from softdyn.validation.loop.pictures.replay import comparison
 
         logs, labels = [*met.logs.values()], [*met.logs]
         comparison(logs, [model] * len(logs), labels).save(arguments.html)

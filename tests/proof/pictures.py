@@ -36,7 +36,7 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.controllers import SoftIdClfQp
     from softdyn.validation import paper, simulate
     from softdyn.validation.files import atomic
-    from softdyn.validation.report.replay import replay
+    from softdyn.validation.loop.pictures.replay import replay
 
     if arguments.clip is not None:
         return film(arguments.clip)

@@ -11,10 +11,10 @@ import softdyn
 from softdyn import SoftModel
 from softdyn.commands import cli
 from softdyn.controllers import find_controller
+from softdyn.validation.loop import setups
 from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.simulate import simulate
-from softdyn.validation.studies import experiments
 from softdyn.validation.studies.study_targets import study_experiments
 from softdyn.validation.tables import Table
 from tests.proof.timing import step_report
@@ -78,8 +78,8 @@ def throughput(
     dict
         Times (s) of the run and of its parts, and its number of steps.
     """
-    if model.bundled in experiments.ROBOTS:
-        experiment = experiments.setup_of(model).set_point(THETA)
+    if model.bundled in setups.ROBOTS:
+        experiment = setups.setup_of(model).set_point(THETA)
     else:
         experiment = study_experiments(model, 1)[0]
     duration = experiment.duration if duration is None else duration

@@ -17,7 +17,7 @@ from softdyn.tasks import AxisTask, PoseTask, References
 from softdyn.tasks.marks import marks_of, numbers_at, stacked
 from softdyn.validation import Log, paper, simulate
 from softdyn.validation.loop.logged_robot import LoggedRobot
-from softdyn.validation.report.replay import comparison, replay
+from softdyn.validation.loop.pictures.replay import comparison, replay
 from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
 from softdyn.view.server import Viewer

@@ -10,7 +10,7 @@ import pytest
 import softdyn
 from softdyn import SoftModel
 from softdyn.validation import Log
-from softdyn.validation.report.replay import track
+from softdyn.validation.loop.pictures.replay import track
 from softdyn.view.scene import Figure
 from tests.support import micro, winched
 

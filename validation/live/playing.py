@@ -20,7 +20,7 @@ from softdyn.validation.twin.rig import Rig
 from softdyn.view.live.channel import Channel
 from softdyn.view.live.messages import OPEN_LOOP, SetController
 from softdyn.view.live.pacing import IDLE, RATE, Clock, ClockStatistics
-from softdyn.view.live.page import live_page
+from softdyn.view.live.page import open_live_page
 from softdyn.view.scene import Figure
 
 HELD, ROOM = 0.95, 0.9  # pace of a period that is held; share of the time that work may take
@@ -37,23 +37,13 @@ def open_play_page(session: Session, port: int | None = None) -> Channel:
     port : int, optional
         By default a free one from 7000 on.
     """
-    model, figure = session.model, figure_of(session)
-    title = model.bundled or model.name
-    page = live_page(
-        figure, "play", title=title, laws=session.limits.laws, period=session.period,
-        pull=session.pull, estimates=session.estimates,
+    model = session.model
+    figure = replace(Figure.of(model), marks=session.limits.marks)
+    return open_live_page(
+        figure.among(session.surroundings), "play", title=model.bundled or model.name,
+        limits=session.limits, port=port, period=session.period, pull=session.pull,
+        estimates=session.estimates,
     )  # fmt: skip
-    return Channel(
-        page, figure, replayed=session.columns.replayed, title=title, limits=session.limits,
-        port=port,
-    )  # fmt: skip
-
-
-def figure_of(session: Session) -> Figure:
-    """The robot of a session with its tasks and the obstacles around it."""
-    figure = replace(Figure.of(session.model), marks=session.limits.marks)
-    around = session.surroundings
-    return figure if around is None else replace(figure, scenery=around.visuals(figure.size))
 
 
 def period_note(period: float, clock: ClockStatistics) -> str:

@@ -25,8 +25,8 @@ from softdyn.validation.loop.arguments import RunOptions, starting_pose
 from softdyn.validation.loop.loop import ControlLoop
 from softdyn.validation.loop.observation import make_observer
 from softdyn.validation.loop.plants import plant_of
+from softdyn.validation.loop.setups import setup_of
 from softdyn.validation.loop.time_grid import TimeGrid
-from softdyn.validation.studies.experiments import setup_of
 from softdyn.validation.twin.plant_errors import multiplied
 from softdyn.validation.twin.rig import Rig, RiggedPlant, rig_of
 from softdyn.validation.twin.twin import SimulationError

@@ -10,15 +10,15 @@ import numpy as np
 
 from softdyn.description.visuals import Visual
 from softdyn.tasks.marks import marks_of, target_row
+from softdyn.validation.loop import setups
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.labels import controller_title
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.record import ControlStep, tasks_in
-from softdyn.validation.studies import experiments
 from softdyn.view.live.channel import Channel
 from softdyn.view.live.frames import Columns
 from softdyn.view.live.pacing import RATE, Clock
-from softdyn.view.live.page import live_page
+from softdyn.view.live.page import open_live_page
 from softdyn.view.scene import Figure
 
 WAIT = 10.0  # s; a loop waits so long for a page before it starts
@@ -72,17 +72,13 @@ def open_watch_page(
     on_ellipse = experiment and (experiment.theta, experiment.omega) != (None, None)
     robot = model.bundled or model.name
     figure = replace(Figure.of(model), marks=marks_of(tasks_in(loop.controller)))
-    obstacles = () if loop.surroundings is None else loop.surroundings.visuals(figure.size)
-    figure = replace(figure, scenery=(*scenery, *obstacles))
     title = f"{robot}, {controller_title(loop.name)}"
     if loop.plant.settings.get("plant") is not None:
         title += f", in {loop.plant.settings['plant']}"
-    page = live_page(
-        figure, "watch", title=title, period=loop.grid.period,
-        path=experiments.ellipse_points(model) if on_ellipse else None,
+    return open_live_page(
+        figure.among(loop.surroundings, scenery), "watch", title=title, port=port,
+        period=loop.grid.period, path=setups.ellipse_points(model) if on_ellipse else None,
     )  # fmt: skip
-    replayed = Columns(model, figure.numbers).replayed
-    return Channel(page, figure, replayed=replayed, title=robot, port=port)
 
 
 def columns_of(loop: ClosedLoop) -> Columns:

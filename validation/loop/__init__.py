@@ -5,12 +5,14 @@
 - `closed_loop`: `ClosedLoop`, a loop with a reference, a planned time and a record
 - `arguments`: `RunOptions`, all arguments of a run, and their checks
 - `experiment`: a loop's task: its reference, duration and control period
+- `setups`: the properties of a robot that its experiments depend on, and its ellipse
 - `observation`: an observer between the sensors and the controller
 - `time_grid`: the division of a run into control periods and plant steps
 - `record`: a log's arrays while the loop fills them, the controller's counts, versions
 - `certificate`: the true rate of V along a run, beside the rate that its QP assumed
 - `verdict`: early ends of a run, failures, whether the run reached its reference
 - `log`: the record of a run: its channels, its figures of merit, its summary
+- `pictures`: how a log looks, in figures and on a page
 - `log_files`, `mcap_file`: its NPZ and CSV files, and MCAP for viewers
 - `logged_robot`: the robot of a log, from the text of its file at the time of the run
 - `log_checks`: checks of a log's file

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from softdyn.validation.loop.experiment import ROLLOUT
 
-if TYPE_CHECKING:
-    from softdyn.validation.loop.log import Log
-
+AnyLog = Any
+"""A `Log`. A log draws itself, so that its labels and its pictures do not import it."""
 CONTROLLERS = {
     "soft-id-clf-qp": "Soft ID-CLF-QP",
     "id-clf-qp": "ID-CLF-QP (hard)",
@@ -50,7 +49,7 @@ def cell_title(kind: str, value: Any) -> str:
     return "(" + ", ".join(f"{x:g}" for x in value) + ") m"
 
 
-def goal(log: Log) -> str:
+def goal(log: AnyLog) -> str:
     """A run's target in words."""
     if log.theta is not None:
         return f"set point {experiment_title('set_point', log.theta)}"
@@ -63,7 +62,7 @@ def goal(log: Log) -> str:
     return "set point (" + ", ".join(f"{x:g}" for x in log.y_ref[0]) + ") m"
 
 
-def labels_of(logs: Sequence[Log]) -> list[str]:
+def labels_of(logs: Sequence[AnyLog]) -> list[str]:
     """The controllers' names; or the robot, the goal and the plant, where they differ."""
     parts: list[list[Any]] = [
         [controller_title(log.controller) for log in logs],

@@ -219,8 +219,8 @@ class Log:
         InputError
             When nothing can be written there.
         """
-        # local, because the figures import this module
-        from softdyn.validation.report.time_figures import plot
+        # local, because runs need no Matplotlib
+        from softdyn.validation.loop.pictures.time_figures import plot
 
         return plot(self, path)
 
@@ -237,7 +237,7 @@ class Log:
         InputError
             The model is of another robot.
         """
-        from softdyn.validation.report.replay import replay
+        from softdyn.validation.loop.pictures.replay import replay
 
         return replay(self, self.source.model() if model is None else model)
 

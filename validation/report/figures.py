@@ -14,7 +14,15 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from softdyn.validation.loop.labels import experiment_title
-from softdyn.validation.report import plot_style as look
+from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.pictures import plot_style as look
+from softdyn.validation.loop.pictures.time_figures import (
+    FINEST,
+    draw_inputs,
+    input_activity,
+    scale_inputs,
+    thin,
+)
 from softdyn.validation.report.plot_data import (
     EXAMPLE,
     OURS,
@@ -24,12 +32,10 @@ from softdyn.validation.report.plot_data import (
     main_controller,
     of,
     preferred,
-    thin,
     thin_path,
 )
 
 TICKS = 4  # at most, on a small panel's axis
-FINEST = 1e-4  # cm; errors below a micrometre are drawn as one
 PATH_TOLERANCE = 0.02  # cm; tolerance of simplified paths, less than a printed dot
 REFERENCE_WIDTH = 3.5
 WILD_LENGTHS, WILD_DECADES = 8.0, 60.0  # a curve with a larger total variation is wild
@@ -216,3 +222,42 @@ def log_axis(axes: Axes) -> None:
     axes.set_yscale("log")
     axes.yaxis.set_major_locator(LogLocator(numticks=6))
     axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def inputs(runs: Sequence[PlottedRun]) -> Figure | None:
+    """The input and its bounds over time, a row per robot: one set point, one trajectory."""
+    _, runs = main_controller(runs)
+    runs = [run for run in runs if run.log.u.size]
+    robots, kinds = distinct(runs, "robot"), distinct(runs, "kind")
+    if not runs:
+        return None
+    width = look.COLUMN if len(kinds) == 1 else look.PAGE
+    figure, grid = look.panels(len(robots), len(kinds), width, 1.6 * len(robots) + 0.3)
+    for row, robot in zip(grid, robots, strict=True):
+        shown: list[Log] = []
+        for axes, kind in zip(row, kinds, strict=True):
+            found = of(runs, robot, kind=kind)
+            if not found:
+                axes.set_axis_off()
+                continue
+            value = preferred([run.case.value for run in found], EXAMPLE[kind])
+            (run,) = of(found, value=value)
+            draw_inputs(axes, run.log)
+            shown.append(run.log)
+            name = f"{look.robot_title(robot)}, {experiment_title(kind, value)}"
+            name += input_activity(run.log)
+            look.letter(axes, len(kinds) * grid.index(row) + kinds.index(kind), name)
+        for axes in row:
+            scale_inputs(axes, shown)
+        row[0].set_ylabel(f"Input u ({shown[0].u_unit})")
+        nu = shown[0].u.shape[1]
+        every = [f"$u_{{{i + 1}}}$" for i in range(nu)]
+        cycle = len(look.INPUTS)
+        names = [", ".join(every[i::cycle]) for i in range(min(cycle, nu))]
+        handles = [look.handle(n, c) for n, c in zip(names, look.INPUTS, strict=False)]
+        handles.append(look.handle("bounds", (look.NEUTRAL, look.DOTTED), linewidth=0.8))
+        handles += look.legend_handles({}, {}, any(log.failed for log in shown))
+        row[-1].legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    for axes in grid[-1]:
+        axes.set_xlabel(look.TIME)
+    return figure

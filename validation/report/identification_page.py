@@ -14,18 +14,12 @@ from softdyn.identification import Identified
 from softdyn.identification.data import spread
 from softdyn.identification.hints import PARTS, where
 from softdyn.identification.result import NOT_WHITE
-from softdyn.validation.report.plot_style import style
+from softdyn.validation.loop.pictures.plot_style import style
+from softdyn.validation.report.document_page import document_page, picture, wide
 from softdyn.validation.tables import Table
-from softdyn.view.page import head
 
 TITLES = ("parameter", "value", "95 %", "file", "unit")
 SHOWN = 4  # number of outputs shown, those with the worst fit
-STYLE = """\
-body { max-width: 62rem; margin: 2rem auto; padding: 0 1rem; font: 15px/1.5 sans-serif; }
-table { border-collapse: collapse; } td, th { padding: 3px 12px; text-align: right; }
-th:first-child, td:first-child { text-align: left; } tr { border-bottom: 1px solid #ddd; }
-.bad { color: #a33; } img { max-width: 100%; }
-"""
 
 
 def page(name: str, found: Identified) -> str:
@@ -45,8 +39,11 @@ def page(name: str, found: Identified) -> str:
         rows.append([one.parameter.label, *shown, one.parameter.nominal, one.parameter.unit])
     table = Table(TITLES, rows, ("", ".6g", "", ".6g", ""))
     bad = [() if one.identified else range(len(TITLES)) for one in found.estimates]
+    held_out = (
+        f"In the part of the data held out the residuals are {found.held_out:.3g} times the fit's."
+    )
     notes = [
-        f"In the part of the data held out the residuals are {found.held_out:.3g} times the fit's.",
+        *([held_out] if np.isfinite(found.held_out) else []),
         *(f"Not identifiable from these data: {text}." for text in found.unidentifiable),
     ]
     if not found.static:
@@ -58,16 +55,13 @@ def page(name: str, found: Identified) -> str:
         ]
     with style():
         pictures = [_outputs(found)] + ([] if found.static else [_correlation(found)])
-        images = [f'<p><img alt="" src="data:image/svg+xml;base64,{_svg(f)}">' for f in pictures]
-    title = f"Identification of {name}"
-    return "".join([
-        head(title, STYLE), f"<body>\n<h1>{escape(title)}</h1>\n",
-        table.html(bad),
-        *(f"<p>{escape(note)}" for note in notes), *images, _places(found), "</body>\n</html>\n",
-    ])  # fmt: skip
+        images = [picture(f"data:image/svg+xml;base64,{_svg(f)}") for f in pictures]
+    words = [f"<p>{escape(note)}</p>" for note in notes]
+    parts = [wide(table, bad), *words, *images, *_places(found)]
+    return document_page(f"Identification of {name}", parts)
 
 
-def _places(found: Identified) -> str:
+def _places(found: Identified) -> list[str]:
     """Tables of the residuals by output, time and input."""
     rows = where(found)
     outputs = [[row["of"], row["rms"]] for row in rows if row["by"] == "output"]
@@ -76,11 +70,11 @@ def _places(found: Identified) -> str:
         if row["by"] != "output":
             quarters.setdefault(row["by"], [f"by {row['by']}"]).append(row["rms"])
     titles = ["residuals, in deviations", *(f"quarter {k + 1}" for k in range(PARTS))]
-    several = (
-        (["output", "rms residual"], outputs, ("", ".3g")),
-        (titles, list(quarters.values()), ("", *[".2f"] * PARTS)),
+    tables = (
+        Table(["output", "rms residual"], outputs, ("", ".3g")),
+        Table(titles, list(quarters.values()), ("", *[".2f"] * PARTS)),
     )
-    return "\n".join(f"<p>{Table(*one).html([()] * len(one[1]))}" for one in several)
+    return [wide(table) for table in tables]
 
 
 def _outputs(found: Identified) -> Figure:

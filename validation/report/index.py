@@ -22,6 +22,7 @@ from softdyn.validation.files import safe_filename, write_text
 from softdyn.validation.loop.labels import controller_title, experiment_title, robot_title
 from softdyn.validation.loop.log import Log
 from softdyn.validation.processes import in_processes
+from softdyn.validation.report.document_page import document_page, picture, wide
 from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.benchmark_table import (
     EMULATED,
@@ -33,15 +34,14 @@ from softdyn.validation.studies.benchmark_table import (
 )
 from softdyn.validation.studies.engine.case import Case, number_text
 from softdyn.validation.studies.engine.distribution import NOTE
-from softdyn.validation.tables import Table
-from softdyn.view.page import head, library_file
+from softdyn.view.page import library_file
 
 PAGE = "index.html"
 REPLAYS, THUMBNAILS, LIBRARY = "replays", "thumbnails", "meshcat.js"
 RATE = 20.0  # frames per second of the replays, few because a benchmark has 162 runs
 FIGURES = {
     "tracking": "The tip along the ellipse",
-    "convergence_": "Error over time",
+    "convergence_": "The tip from rest to each set point",
     "error_set_points": "Final errors of the set points",
     "error_trajectories": "Mean squared errors of the trajectories",
     "lyapunov_set_points": "Lyapunov function, set points",
@@ -51,25 +51,7 @@ FIGURES = {
 SHOWN = 0.5  # the set point in the thumbnails, in multiples of π
 
 STYLE = """\
-:root { color-scheme: light dark; --ink: #1d2733; --quiet: #5b6876; --line: #d5dce4; --back: #fff;
-  --card: #f5f7fa; --bad: #b42318; --good: #0b6b3a; --link: #0a5ca8; }
-@media (prefers-color-scheme: dark) { :root { --ink: #e4e9ef; --quiet: #9aa7b5; --line: #35404c;
-  --back: #14191f; --card: #1c232b; --bad: #ff8f80; --good: #6fd39b; --link: #79b8ff; } }
-* { box-sizing: border-box; }
-body { margin: 0 auto; padding: 16px; max-width: 1340px; background: var(--back); color: var(--ink);
-  font: 15px/1.5 system-ui, sans-serif; }
-h1 { font-size: 24px; margin: 8px 0; } h2 { font-size: 18px; margin: 32px 0 8px; }
-h3 { font-size: 15px; margin: 20px 0 6px; }
-a { color: var(--link); } p, li { max-width: 75ch; } .quiet { color: var(--quiet); }
-.wide { overflow-x: auto; border: 1px solid var(--line); border-radius: 8px; }
-table { border-collapse: collapse; width: 100%; font-size: 13px; }
-th, td { padding: 5px 8px; text-align: right; white-space: nowrap;
-  font-variant-numeric: tabular-nums; }
-th { font-weight: 600; color: var(--quiet); background: var(--card); }
-td { border-top: 1px solid var(--line); } tr.first td { border-top: 2px solid var(--line); }
-th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left; }
-td.bad { color: var(--bad); }
-pre { overflow-x: auto; }
+th:nth-child(2), td:nth-child(2) { text-align: left; }
 .grid { display: grid; gap: 10px; grid-template-columns: repeat(auto-fill, minmax(165px, 1fr)); }
 .grid a { display: block; padding: 8px; border: 1px solid var(--line); border-radius: 8px;
   background: var(--card); color: inherit; text-decoration: none; }
@@ -79,11 +61,6 @@ pre { overflow-x: auto; }
 .grid b { display: block; margin-top: 6px; font-weight: 600; }
 .grid span { display: block; font-size: 13px; color: var(--quiet); }
 .grid .bad { color: var(--bad); }
-figure { margin: 12px 0; padding: 8px; background: #fff; border: 1px solid var(--line);
-  border-radius: 8px; } figure img { max-width: min(100%, 920px); height: auto; display: block;
-  margin: auto; }
-figcaption { color: #444; font-size: 13px; }
-code { background: var(--card); padding: 1px 4px; border-radius: 4px; overflow-wrap: anywhere; }
 """
 
 
@@ -149,7 +126,7 @@ def draw_all(cases: Sequence[Case], folder: Path, jobs: int = -1) -> dict[str, A
 
 def draw(cases: Sequence[Case], folder: Path) -> dict[str, str]:
     """Write replay and thumbnail of a robot with a controller; return the runs' versions."""
-    from softdyn.validation.report.replay import replays
+    from softdyn.validation.loop.pictures.replay import replays
     from softdyn.validation.report.thumbnail import thumbnail
     from softdyn.view.scene import Figure
 
@@ -192,7 +169,6 @@ def html(
     cases = [case for group in groups.values() for case in group]
     simulated = benchmark.benchmark_report(cases, folder)["simulated_s"]
     parts = [
-        "<h1>softdyn benchmark</h1>",
         f"<p>{total} closed loops, {simulated:.0f} s of simulated time, "
         f'<span class="{"bad" if failed else ""}">{failed} failed</span>. '
         "Every controller sees the analytic model; MuJoCo alone is the plant.</p>",
@@ -212,8 +188,7 @@ def html(
         '<a href="table.tex">table.tex</a>, <a href="results.json">results.json</a>; '
         "logs below <code>runs/</code>.</p>",
     ]  # fmt: skip
-    begin = f"{head('softdyn benchmark', STYLE)}<body>"
-    return "\n".join([begin, *parts, "</body>", "</html>\n"])
+    return document_page("softdyn benchmark", parts, STYLE)
 
 
 def _table(rows: Sequence[dict[str, Any]]) -> str:
@@ -228,7 +203,7 @@ def _table(rows: Sequence[dict[str, Any]]) -> str:
             f"<p><b>{EMULATED}</b></p><details><summary>How the emulated figures were made"
             f"</summary><pre>{escape(chr(10).join(commands))}</pre></details>{note}"
         )
-    return _wide(benchmark_table(rows), [{last} if row["failed"] else set() for row in rows]) + note
+    return wide(benchmark_table(rows), [{last} if row["failed"] else set() for row in rows]) + note
 
 
 def _gallery(
@@ -281,11 +256,8 @@ def _figures(folder: Path) -> list[str]:
                 continue
             robot = file.stem.removeprefix(stem)
             words = f"{caption}, {robot}" if robot else caption
-            parts.append(
-                f'<figure><a href="figures/{_url(file.with_suffix(".pdf").name)}">'
-                f'<img src="figures/{_url(file.name)}" alt="{escape(words)}" loading="lazy"></a>'
-                f"<figcaption>{escape(words)}</figcaption></figure>"
-            )
+            pdf = file.with_suffix(".pdf")
+            parts.append(picture(f"figures/{file.name}", words, f"figures/{pdf.name}"))
     return ["<h2>Figures</h2>", *parts] if parts else []
 
 
@@ -298,12 +270,7 @@ def _runs(rows: Sequence[dict[str, Any]]) -> str:
         {2 + keys.index((f["kind"], number_text(f["value"]))) for f in row["failed"]}
         for row in rows
     ]
-    return _wide(every_run_table(rows), bad)
-
-
-def _wide(table: Table, bad: Sequence[set[int]]) -> str:
-    """A table that scrolls in a narrow window; `bad` has the marked columns of each row."""
-    return f'<div class="wide">{table.html(bad)}</div>'
+    return wide(every_run_table(rows), bad)
 
 
 def _url(path: Path | str) -> str:

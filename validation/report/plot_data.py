@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.metrics import CM
+from softdyn.validation.loop.pictures.time_figures import finite_errors
 from softdyn.validation.studies.engine.case import Case
 
 OURS = "soft-id-clf-qp"  # the paper's controller
@@ -63,11 +63,6 @@ class PlottedRun:
         return self.log.t / self.log.duration
 
 
-def finite_errors(log: Log) -> np.ndarray:
-    """‖e‖ (cm) of a log's samples, up to the first that is not finite."""
-    return CM * np.linalg.norm(log.error[: log.finite_samples], axis=1)
-
-
 def of(
     runs: Iterable[PlottedRun],
     robot: str | None = None,
@@ -96,33 +91,6 @@ def main_controller(runs: Sequence[PlottedRun]) -> tuple[str, list[PlottedRun]]:
     names = distinct(runs, "controller")
     name = preferred(names, OURS) if names else OURS
     return name, of(runs, controller=name)
-
-
-def thin(*columns: np.ndarray, bins: int = 400) -> np.ndarray:
-    """Indices that give the same curves: the ends and, in each bin, every column's extremes.
-
-    Parameters
-    ----------
-    columns : np.ndarray, (N,)
-        Finite columns of equal length.
-    bins : int
-        Number of equal parts into which the samples are divided.
-
-    Returns
-    -------
-    np.ndarray, (K,)
-        Increasing indices, K ≤ 2 · bins · number of columns + 2; all of them if that is not fewer.
-    """
-    n = len(columns[0])
-    if n <= 2 * bins * len(columns) + 2:
-        return np.arange(n)
-    edges = np.linspace(0, n, bins + 1).astype(int)
-    keep = {0, n - 1}
-    for column in columns:
-        for begin, end in pairwise(edges):
-            part = column[begin:end]
-            keep |= {begin + int(part.argmin()), begin + int(part.argmax())}
-    return np.array(sorted(keep))
 
 
 def thin_path(points: np.ndarray, tolerance: float) -> np.ndarray:

@@ -10,10 +10,9 @@ from matplotlib.figure import Figure
 from tqdm.auto import tqdm
 
 from softdyn.validation.files import safe_filename
+from softdyn.validation.loop.pictures.plot_style import save, style
 from softdyn.validation.report import figures
 from softdyn.validation.report.plot_data import PlottedRun, distinct
-from softdyn.validation.report.plot_style import save, style
-from softdyn.validation.report.time_figures import inputs
 from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.engine.case import Case
 
@@ -52,7 +51,7 @@ def make_all(cases: Iterable[Case], folder: Path) -> list[Path]:
         "tracking": partial(figures.tracking, runs),
         "error_set_points": partial(figures.errors, runs, "set_point"),
         "error_trajectories": partial(figures.errors, runs, "tracking"),
-        "inputs": partial(inputs, runs),
+        "inputs": partial(figures.inputs, runs),
     }
     written: list[Path] = []
     with style(), tqdm(drawings.items(), disable=None, leave=False, desc="figures") as bar:

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 
 from softdyn.statics import Equilibrium, ReachCell, StuckRest
 from softdyn.validation.crosschecks.rest_report import RestReport
-from softdyn.validation.report.plot_style import (
+from softdyn.validation.loop.pictures.plot_style import (
     BLACK,
     GREEN,
     GREY,

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure as Canvas
 
 from softdyn.description.visuals import triangles
 from softdyn.validation.loop.log import Log
-from softdyn.validation.report.plot_style import write_figure
-from softdyn.validation.report.replay import reference_path
+from softdyn.validation.loop.pictures.plot_style import write_figure
+from softdyn.validation.loop.pictures.replay import reference_path
 from softdyn.view.scene import Figure, tension_colour
 
 TURN, RISE = 0.42, 0.2  # rad, as on the page: seen from -y, slightly from the side and above

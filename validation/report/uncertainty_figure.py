@@ -9,7 +9,7 @@ from matplotlib.collections import LineCollection
 
 from softdyn import SoftModel
 from softdyn.estimation import Observability
-from softdyn.validation.report.plot_style import (
+from softdyn.validation.loop.pictures.plot_style import (
     COLUMN,
     GREY,
     check_path,

@@ -99,17 +99,27 @@ class AxisReader:
             raise InputError(f"{self.path}: {key}", f"{many}distinct values", value)
         return Axis(name, values, drawn)
 
-    def _draw(self, table: TomlTable, key: str, kind: str, check: Check) -> tuple[float, ...]:
-        """Random values between both ends of a distribution."""
-        lower, upper, *more = table.numbers(kind, default=()) + (None,) * 2
-        table.rest()
-        if upper is None or more != [None, None]:
-            raise table.error(kind, "[lower, upper]", table.values[kind])
+    def _draw(self, table: TomlTable, key: str, kind: str, check: Check) -> tuple[Any, ...]:
+        """Random values between both ends of a distribution: numbers, or vectors of numbers."""
+        ends = table.rest([kind])[kind]
+        if not isinstance(ends, list) or len(ends) != 2:
+            raise table.error(kind, "[lower, upper]", ends)
         if self.count is None:
             expected = f"a table with the count of samples of {key}"
             raise InputError(f"{self.path}: samples", expected, "none")
-        self._check_ends(key, lower, upper, check, DRAWN[kind])
-        return draw(key, self.seed, self.count, lower, upper, DRAWN[kind])
+        if not all(isinstance(end, list) for end in ends):
+            low, high = ends
+            self._check_ends(key, low, high, check, DRAWN[kind])
+            return draw(key, self.seed, self.count, low, high, DRAWN[kind])
+        lower, upper = map(check, ends)
+        if len(lower) != len(upper):
+            raise table.error(kind, "two lists of equal length", ends)
+        columns = []
+        for k, (low, high) in enumerate(zip(lower, upper, strict=True)):
+            if low != high:  # a component may be fixed
+                self._check_ends(f"{key}.{k}", low, high, float, DRAWN[kind])
+            columns.append(draw(f"{key}.{k}", self.seed, self.count, low, high, DRAWN[kind]))
+        return tuple(zip(*columns, strict=True))
 
     def _spread(self, table: TomlTable, key: str, check: Check) -> tuple[float, ...]:
         """The values of a range."""

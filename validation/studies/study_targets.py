@@ -11,8 +11,8 @@ import numpy as np
 
 from softdyn import Reference, SetPoint, SoftModel, statics
 from softdyn.validation.crosschecks.rest_report import rests_at
+from softdyn.validation.loop import setups
 from softdyn.validation.loop.experiment import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
-from softdyn.validation.studies import experiments
 
 HELD = 0.01  # s, run of the twin at each equilibrium, which only `softdyn statics` judges
 Target = tuple[str, Any]
@@ -27,7 +27,7 @@ def study_targets(model: SoftModel, published: Sequence[Target]) -> list[Target]
     InputError
         Inputs that move the tip nowhere.
     """
-    if model.bundled in experiments.ROBOTS:
+    if model.bundled in setups.ROBOTS:
         return list(published)
     return [("point", point) for point in points(model, len(published))]
 
@@ -73,7 +73,7 @@ def study_experiments(model: SoftModel, count: int) -> list[Experiment]:
     found: list[tuple[str, Callable[[float], Reference], float]] = [
         ("set_point", SetPoint(one.y), SET_POINT_DURATION) for one in rests
     ]
-    found += [("tracking", loop, experiments.CYCLES * loop.period) for loop in islice(loops, 1)]
+    found += [("tracking", loop, setups.CYCLES * loop.period) for loop in islice(loops, 1)]
     return [
         Experiment(model.name, kind, None, None, reference, duration, DEFAULT_PERIOD,
                    model.robot.length)

@@ -6,7 +6,7 @@ Every case is complete plain data, and the order of the cases depends only on th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from itertools import product
@@ -19,8 +19,8 @@ from softdyn.controllers.gains import from_table
 from softdyn.controllers.qps.horizon import default_horizon
 from softdyn.exceptions import errors_in
 from softdyn.validation.files import safe_filename
+from softdyn.validation.loop import setups
 from softdyn.validation.loop.labels import cell_title
-from softdyn.validation.studies import experiments
 from softdyn.validation.studies.axes import Axis
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import NAMES, Case, legible
@@ -28,6 +28,7 @@ from softdyn.validation.studies.engine.store import Store
 from softdyn.validation.studies.engine.worker import CaseJob
 from softdyn.validation.studies.study_targets import Target, study_targets
 from softdyn.validation.twin.plant_errors import BY_JOINT, EACH
+from softdyn.validation.twin.rig import Rig
 
 FIGURES = {
     "final_error_cm": "final error (cm)",
@@ -39,21 +40,31 @@ GAINS = tuple(field.name for field in fields(Gains))
 TARGETS = {name: kind for kind, name in NAMES.items()}
 RUN = "run"  # the group of the keywords of `RunOptions`; those that are tables are groups too
 GROUPS = (RUN, "plant", "rig")
+SENSORS = "sensors"  # the table of [rig] with a table for each sensor
 NOMINAL = "none"  # the name of the case without a change
 SHARE = "horizon_per_eps"  # of [gains]
 IN_MS = ("gains.horizon", "run.period", "rig.delay", "rig.lag", "rig.latency")
 
 
-def place(name: str) -> tuple[str, str, str]:
-    """The group, key and joint of a parameter's name; without a group or a joint these are empty.
+def place(name: str) -> tuple[str, str, tuple[str, ...]]:
+    """The group of a parameter's name, empty without one, its key, and the path below the key.
 
-    ``plant.stiffness.bend_1``, ``gains.Kp``, ``theta``.
+    ``theta``, ``gains.Kp``, ``plant.stiffness.JOINT``, ``rig.sensors.SENSOR.noise``: the path has a
+    joint, or a sensor and its field.
     """
     group, _, key = name.partition(".") if "." in name else ("", "", name)
-    if group == "plant":
-        key, _, joint = key.partition(".")
-        return group, key, joint
-    return group, key, ""
+    if group not in ("plant", "rig") or "." not in key:
+        return group, key, ()
+    key, _, below = key.partition(".")
+    return group, key, tuple(below.rsplit(".", 1)) if key == SENSORS else (below,)
+
+
+def nested(key: str, path: Sequence[str], value: Any) -> dict[str, Any]:
+    """A table with a value at a key, or at a path below the key."""
+    for name in reversed((key, *path)):
+        value = {name: value}
+    found: dict[str, Any] = value
+    return found
 
 
 def joint_parameters(cases: Iterable[Case]) -> tuple[str, ...]:
@@ -69,15 +80,17 @@ def joint_parameters(cases: Iterable[Case]) -> tuple[str, ...]:
 
 def parameter(case: Case, name: str) -> Any:
     """The value of ``gains.Kp``, ``run.period``, ``theta``, … in a case; None for its default."""
-    group, key, joint = place(name)
+    group, key, path = place(name)
     gains = case.parameters or {}
     if group == "gains":
         return gains["horizon"] / gains["eps"] if key == SHARE else gains.get(key)
     if group in GROUPS:
         table: Mapping[str, Any] = case.options if group == RUN else case.options.get(group, {})
         value = table.get(key)
+        if key == SENSORS:
+            return (value or {}).get(path[0], {}).get(path[1])
         if isinstance(value, Mapping):  # by joint
-            return value.get(joint or EACH, value.get(EACH, 1.0))
+            return value.get(path[0] if path else EACH, value.get(EACH, 1.0))
         return value
     if name in TARGETS:
         return case.value if NAMES[case.kind] == name else None
@@ -118,8 +131,8 @@ class Sweep:
     shorter_periods : tuple of float
         Control periods (s) to which set points also run, if they are shorter than the usual one.
     changes : mapping
-        Name → changed parameter → robot → its value, with ``default`` for any other robot. Each
-        change runs by itself.
+        Name → changed parameter → robot → its axis of one value or of random samples, with
+        ``default`` for any other robot. Each change runs by itself.
     rows : tuple of str
         Parameters that distinguish the rows of a table of all cases. Without any, there is no such
         table.
@@ -150,7 +163,7 @@ class Sweep:
     annotations: dict[str, str]
     equilibria: bool
     shorter_periods: tuple[float, ...]
-    changes: Mapping[str, Mapping[str, Mapping[str, Any]]]
+    changes: Mapping[str, Mapping[str, Mapping[str, Axis]]]
     rows: tuple[str, ...]
     means: bool
     statics_beyond_cm: float
@@ -185,7 +198,7 @@ class Sweep:
             A combination cannot run, e.g. the timestep does not divide the period.
         """
         names: dict[str, Case] = {}
-        for case, _ in self._expanded:
+        for case, _ in self.expanded:
             if names.setdefault(case.name, case) is not case:
                 raise InputError(str(self.path), "cases that differ", f"{case.name} twice")
         return list(names.values())
@@ -200,7 +213,7 @@ class Sweep:
             Two cases have the same place.
         """
         table: dict[str, dict[str, Case]] = {}
-        for case, change in self._expanded:
+        for case, change in self.expanded:
             row = "/".join(change if n == "change" else self.text(case, n) for n in self.rows)
             column = cell_title(case.kind, case.value)
             if table.setdefault(row, {}).setdefault(column, case) is not case:
@@ -210,11 +223,11 @@ class Sweep:
 
     def failures(self, failed: Collection[str]) -> int:
         """The number of failed cases, among these, that must not fail."""
-        names = (c.name for c, change in self._expanded if change in self.must_not_fail)
+        names = (c.name for c, change in self.expanded if change in self.must_not_fail)
         return sum(name in failed for name in names)
 
     @cached_property
-    def _expanded(self) -> list[tuple[Case, str]]:
+    def expanded(self) -> list[tuple[Case, str]]:
         """Every case, and the name of its change."""
         return list(self._expand())
 
@@ -232,9 +245,12 @@ class Sweep:
                 ):
                     if kind == "point" and "ellipse_scale" in self.changes[change]:
                         continue  # a point lies on no ellipse
-                    other = {n: v.get(robot, v["default"]) for n, v in self.changes[change].items()}
+                    other = [v.get(robot, v["default"]) for v in self.changes[change].values()]
                     for sample in range(self.samples or 1):
-                        values = fixed | {a.name: a.values[sample] for a in drawn} | other
+                        values = fixed | {
+                            axis.name: axis.values[sample if axis.drawn else 0]
+                            for axis in (*drawn, *other)
+                        }
                         goal = target.values[sample] if isinstance(target, Axis) else target
                         index = None if self.samples is None else sample
                         words = [f"{n.rpartition('.')[2]}_{_short(v)}" for n, v in fixed.items()]
@@ -269,7 +285,7 @@ class Sweep:
         self, robot: str, kind: str, values: dict[str, Any]
     ) -> Iterator[dict[str, Any]]:
         """A combination at the shorter periods, then at its own."""
-        usual = values.get("run.period", experiments.setup_of(self.models[robot]).period)
+        usual = values.get("run.period", setups.setup_of(self.models[robot]).period)
         if kind != "tracking":
             yield from (
                 values | {"run.period": period} for period in self.shorter_periods
@@ -283,16 +299,22 @@ class Sweep:
     ) -> Case:  # fmt: skip
         groups: dict[str, dict[str, Any]] = {group: {} for group in ("gains", *GROUPS, "")}
         for name, value in values.items():
-            group, key, joint = place(name)
-            if joint:
-                others = groups[group].get(key, 1.0)
-                value = (others if isinstance(others, dict) else {EACH: others}) | {joint: value}
-            groups[group][key] = value
+            group, key, path = place(name)
+            table = groups[group]
+            if key == SENSORS:
+                table = table.setdefault(key, {}).setdefault(path[0], {})
+                key = path[1]
+            elif path:
+                others = table.get(key, 1.0)
+                table[key] = table = others if isinstance(others, dict) else {EACH: others}
+                (key,) = path
+            table[key] = value
         model, options = self.models[robot], dict(groups[RUN])
         if groups["plant"]:
             options["plant"] = groups["plant"]
         if groups["rig"] or "observer" in options:
-            options["rig"] = {"file": "observer" in options, **groups["rig"]}
+            of_file = "observer" in options or SENSORS in groups["rig"]
+            options["rig"] = {"file": of_file, **groups["rig"]}
         gains = {**self.gains, **self.own_gains.get(controller, {}), **groups["gains"]}
         with errors_in(f"{self.path}: {robot}, {controller}"):
             case = Case(
@@ -301,6 +323,8 @@ class Sweep:
                 **groups[""],
             )  # fmt: skip
             case.grid(model)
+            if "rig" in options:
+                Rig.of(options["rig"]).robot(model.robot)
         return case
 
     def text(self, case: Case, name: str) -> str:

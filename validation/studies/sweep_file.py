@@ -30,9 +30,11 @@ from softdyn.validation.studies.sweep import (
     GROUPS,
     NOMINAL,
     RUN,
+    SENSORS,
     SHARE,
     TARGETS,
     Sweep,
+    nested,
     place,
 )
 from softdyn.validation.twin.plant_errors import BY_JOINT, EACH
@@ -122,9 +124,11 @@ def option(name: str, value: Any) -> Any:
     InputError
         The object refuses it.
     """
-    group, key, joint = place(name)
+    group, key, path = place(name)
+    if key == SENSORS and len(path) < 2:
+        raise InputError("sensors", "a table for each sensor", value)
     value = tuple(value) if isinstance(value, list) else value
-    table = {key: {joint: value} if joint else value}
+    table = nested(key, path, value)
     RunOptions.of(table if group == RUN else {group: table})
     return value if name == "rig.seed" else plain(value)
 
@@ -184,8 +188,11 @@ class _Reader:
         axes = [self.axis(n, n, x, self.check(n)) for n, x in self.parameters(top, own_gains)]
         axes = [one for axis in axes for one in self.of_each_joint(axis, axes, models)] + own_axes
         periods = self.values("shorter_periods")
-        changes = {NOMINAL: dict[str, Any]()} | dict(self.read_changes(models))
-        if count is not None and not any(axis.drawn for axis in (*targets, *axes)):
+        changes = {NOMINAL: dict[str, dict[str, Axis]]()} | dict(self.read_changes(models))
+        changed = [
+            axis for change in changes.values() for of in change.values() for axis in of.values()
+        ]
+        if count is not None and not any(axis.drawn for axis in (*targets, *axes, *changed)):
             raise top.error("samples", "a parameter with uniform or log_uniform", "none")
         sizes = {"changes": len(changes), "periods": 1 + len(periods)}
         self.check_size(models, controllers, targets, axes, sizes)
@@ -286,7 +293,7 @@ class _Reader:
         }  # fmt: skip
         axes = []
         for kind, value in table.rest(TARGETS).items():
-            if kind == "point":
+            if kind == "point" and not isinstance(value, dict):
                 if not isinstance(value, list) or not value:
                     raise table.error(kind, POINTS, value)
                 value = value if any(isinstance(v, list) for v in value) else [value]
@@ -328,10 +335,8 @@ class _Reader:
         self, axis: Axis, axes: list[Axis], models: Mapping[str, SoftModel]
     ) -> Iterator[Axis]:
         """An axis; instead of a random one of each joint, one for every joint without its own."""
-        group, key, joint = place(axis.name)
-        if not joint:
-            yield axis
-        elif joint != EACH:
+        group, key, path = place(axis.name)
+        if path != (EACH,):
             self.check_joint(axis.name, models)
             yield axis
         elif not axis.drawn:
@@ -344,15 +349,16 @@ class _Reader:
             value = self.top.values[group][key][EACH]
             for robot, model in models.items():
                 for other in model.robot.moving_joints:
-                    if other.name not in named:
+                    if (other.name,) not in named:
                         name = f"{group}.{key}.{other.name}"
                         yield replace(self.axis(name, name, value, self.check(name)), robot=robot)
 
     def check_joint(self, name: str, models: Mapping[str, SoftModel], at: str = "") -> None:
         """Refuse a factor of a joint that not every robot has."""
-        _, key, joint = place(name)
-        if not joint or joint == EACH or key not in BY_JOINT:
+        _, key, path = place(name)
+        if path in ((), (EACH,)) or key not in BY_JOINT:
             return
+        (joint,) = path
         for robot, model in models.items():
             known = [one.name for one in model.robot.moving_joints]
             if joint not in known:
@@ -385,13 +391,15 @@ class _Reader:
             fixed[name] |= said
         return axes, fixed
 
-    def read_changes(self, models: Mapping[str, SoftModel]) -> Iterator[tuple[str, dict[str, Any]]]:
+    def read_changes(
+        self, models: Mapping[str, SoftModel]
+    ) -> Iterator[tuple[str, dict[str, dict[str, Axis]]]]:
         """Each change by its name; a list of values makes one change per value."""
         names, every = {NOMINAL}, self.top.table("changes")
         for text in every.values if every is not None else ():
             assert every is not None
             key, table = f"changes.{text}", every.table(text)
-            fields, lists = dict[str, Any](), list[Axis]()
+            fields, lists = dict[str, dict[str, Axis]](), list[Axis]()
             assert table is not None
             table.rest(PARAMETERS)
             for name, value in self.parameters(table):
@@ -401,13 +409,13 @@ class _Reader:
                 check = self.check(name)
                 read = {robot: self.axis(at, name, x, check) for robot, x in each.items()}
                 self.check_joint(name, models, f"{key}.")
-                lists += [axis for axis in read.values() if axis.varies]
-                drawn = any(axis.drawn for axis in read.values())
-                if drawn or (differs and lists) or len(lists) > 1:
+                lists += [axis for axis in read.values() if axis.varies and not axis.drawn]
+                own = place(name)[2] == (EACH,) and any(axis.drawn for axis in read.values())
+                if own or (differs and lists) or len(lists) > 1:
                     raise InputError(
                         f"{self.path}: {at}", "one value, or one list per change", value
                     )
-                fields[name] = {robot: axis.values[0] for robot, axis in read.items()}
+                fields[name] = read
             if not fields:
                 raise every.error(text, "a table of parameters", "an empty one")
             for value in lists[0].values if lists else [None]:
@@ -417,7 +425,8 @@ class _Reader:
                     expected = "a unique name, with {} for a list and without /"
                     raise every.error(text, expected, title)
                 names.add(title)
-                yield title, fields | {axis.name: {"default": value} for axis in lists}
+                only = {a.name: {"default": replace(a, values=(value,))} for a in lists}
+                yield title, fields | only
 
     def read_rows(self, axes: list[Axis], changes: Mapping[str, Any]) -> tuple[str, ...]:
         known = ("robot", "controller", "change", "sample", "run.period", "gains.horizon",

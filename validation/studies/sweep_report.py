@@ -19,9 +19,11 @@ from softdyn.validation.studies.engine.worker import CaseJob
 from softdyn.validation.studies.study_targets import nearest_stable
 from softdyn.validation.studies.sweep import (
     FIGURES,
+    SENSORS,
     SHARE,
     Sweep,
     parameter,
+    place,
 )
 from softdyn.validation.tables import Table, document, inline
 
@@ -128,9 +130,16 @@ def plan_text(plan: Mapping[str, Any]) -> str:
     return f"{plan['cases']} cases, {run}"
 
 
-def write_sweep(sweep: Sweep, found: list[Row], folder: Path, table: str = "") -> list[str]:
-    """Write every case as CSV, and `table` or the best cases as Markdown; return the files."""
-    texts = {"sweep.csv": to_csv(sweep, found), "sweep.md": to_markdown(sweep, found, table)}
+def write_sweep(
+    sweep: Sweep, found: list[Row], folder: Path, table: str = "", picture: str = ""
+) -> list[str]:
+    """Write every case as CSV, and `table` or the best cases as Markdown; return the files.
+
+    `picture` is the name of a figure beside them.
+    """
+    shown = f"![Every case]({picture})" if picture else ""
+    text = to_markdown(sweep, found, table, shown)
+    texts = {"sweep.csv": to_csv(sweep, found), "sweep.md": text}
     for name, text in texts.items():
         write_text(folder / name, text)
     return [str(folder / name) for name in texts]
@@ -182,7 +191,7 @@ def to_csv(sweep: Sweep, found: list[Row]) -> str:
     gains = dict.fromkeys(f"gains.{name}" for case, _ in found for name in case.parameters or {})
     names = dict.fromkeys(["theta", "omega", *gains, *sweep.parameters, "sample"])
     titles = ["robot", "controller", *(f"{n} (m)" for n in "xyz")]
-    titles += [f"{n} ({UNITS[n]})" if n in UNITS else n for n in names]
+    titles += [f"{name} ({unit})" if (unit := unit_of(name)) else name for name in names]
     lines = []
     for case, result in found:
         point = parameter(case, "point") or (None, None, None)
@@ -200,10 +209,13 @@ def _file(case: Case) -> str:
 # -- Markdown --------------------------------------------------------------------------------------
 
 
-def to_markdown(sweep: Sweep, found: list[Row], table: str = "") -> str:
-    """Varying parameters, outcomes, `table` or each robot's best cases, reasons of failures."""
+def to_markdown(sweep: Sweep, found: list[Row], table: str = "", shown: str = "") -> str:
+    """Varying parameters, outcomes, `table` or each robot's best cases, reasons of failures.
+
+    `shown` is a picture of them all, in Markdown.
+    """
     blocks = [f"# Sweep {inline(sweep.path.name)}", _counts(found, len(sweep.cases))]
-    blocks += ["\n".join(_varied(sweep)), table]
+    blocks += ["\n".join(_varied(sweep)), shown, table]
     for robot in sweep.robots if not table else ():
         of_robot = [row for row in found if row[0].robot == robot]
         if of_robot:
@@ -266,10 +278,10 @@ def _varied(sweep: Sweep) -> list[str]:
             kind = axis.drawn.replace("_", "-")
             text = f"{len(axis.values)} {kind} samples, seed {sweep.seed}"
         elif len(axis.values) > 12:
-            ends = [_value(axis.values[k]) for k in (0, -1)]
+            ends = [value_text(axis.values[k]) for k in (0, -1)]
             text = f"{len(axis.values)} values from {' to '.join(ends)}"
         else:
-            text = ", ".join(_value(value) for value in axis.values)
+            text = ", ".join(value_text(value) for value in axis.values)
         lines.append(f"- {label(axis.name)}: {text}")
     return lines
 
@@ -284,14 +296,14 @@ def _best(sweep: Sweep, robot: str, found: list[Row]) -> list[str]:
         lines = []
         for i, setting in enumerate(made[:BEST], 1):
             failed = f"{setting.failed} of {len(setting.rows)}"
-            figures = map(_value, (setting.mean, setting.worst))
+            figures = map(value_text, (setting.mean, setting.worst))
             lines.append([i, *_inputs(setting.case, names), *figures, failed])
         table = Table(["", *names, f"mean {figure}", "worst", "failed"], lines)
         title = f"Best settings by the mean {figure} over their targets."
         blocks += [title, table.markdown()]
     lines = []
     for i, (case, result) in enumerate(ranked(found, sweep.figure), 1):
-        ended = (_value(result.get(sweep.figure)), _words(result["outcome"]))
+        ended = (value_text(result.get(sweep.figure)), _words(result["outcome"]))
         lines.append([i, *_inputs(case, names), _target(case), *ended, _file(case)])
     table = Table(["", *names, "target", figure, "outcome", "file"], lines)
     return [*blocks, f"Best cases by {figure}.", table.markdown()]
@@ -314,7 +326,7 @@ def _columns(sweep: Sweep) -> dict[str, str]:
 
 
 def _inputs(case: Case, names: dict[str, str]) -> list[str]:
-    return [_value(parameter(case, name)) for name in names.values()]
+    return [value_text(parameter(case, name)) for name in names.values()]
 
 
 def _target(case: Case) -> str:
@@ -343,10 +355,20 @@ def _reasons(sweep: Sweep, found: list[Row]) -> list[str]:
 def label(name: str) -> str:
     """A parameter with its unit, e.g. ``Kp (1/s²)``."""
     short = SYMBOLS.get(name, name.partition(".")[2] or name)
-    return f"{short} ({UNITS[name]})" if name in UNITS else short
+    unit = unit_of(name)
+    return f"{short} ({unit})" if unit else short
 
 
-def _value(value: Any) -> str:
+def unit_of(name: str) -> str:
+    """The unit of a parameter; empty if it has none, or one that depends on the sensor."""
+    _, key, path = place(name)
+    if key == SENSORS:
+        return {"latency": "s", "rate": "Hz"}.get(path[-1], "")
+    return UNITS.get(name, "")
+
+
+def value_text(value: Any) -> str:
+    """A parameter's value, or a figure, in a table."""
     if value is None:
         return "none"
     if isinstance(value, bool):

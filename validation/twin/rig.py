@@ -13,7 +13,7 @@ import numpy as np
 
 from softdyn import InputError, SoftModel, State
 from softdyn.actuation import Winches
-from softdyn.checks import instance, instances, number, whole
+from softdyn.checks import did_you_mean, instance, instances, number, whole
 from softdyn.copies import Separate
 from softdyn.description.rig import LONGEST_DELAY, SMALLEST_WINCH, CommandKind, Sensor
 from softdyn.description.robot import MOST_FRICTION, Robot, Tendon
@@ -48,8 +48,10 @@ class Rig:
         Stiffness (N/m) and damping (N s/m) of every winch's cable; the file's by default.
     friction : float, optional
         Coefficient of friction of every cable that an input pulls; the file's by default.
-    sensors : tuple of Sensor, optional
-        The sensors; the file's by default.
+    sensors : tuple of Sensor or mapping, optional
+        The sensors; the file's by default. A mapping changes errors of the file's sensors: name →
+        `noise`, `bias`, `rate`, `latency`, `resolution`, as in a `Sensor`. An observer of the run
+        knows the changed values.
     plant : PlantErrors
         Differences between the plant and the model that the controller has.
     noise : float
@@ -79,7 +81,7 @@ class Rig:
     stiffness: float | None = None
     damping: float | None = None
     friction: float | None = None
-    sensors: tuple[Sensor, ...] | None = None
+    sensors: tuple[Sensor, ...] | Mapping[str, Mapping[str, Any]] | None = None
     plant: PlantErrors = field(default_factory=PlantErrors)
     noise: float = 0.0
     bias: float = 0.0
@@ -101,9 +103,12 @@ class Rig:
         whole("seed", self.seed, lower=0)
         instance("file", self.file, bool, "true or false")
         instance("plant", self.plant, PlantErrors, "a PlantErrors")
-        if self.sensors is not None:
-            sensors = instances("sensors", self.sensors, Sensor, "a Sensor")
+        if isinstance(self.sensors, Mapping):
+            sensors = {name: _errors_of(name, table) for name, table in self.sensors.items()}
             object.__setattr__(self, "sensors", sensors)
+        elif self.sensors is not None:
+            listed = instances("sensors", self.sensors, Sensor, "a Sensor")
+            object.__setattr__(self, "sensors", listed)
         if self.command is not None:
             words = [kind.value for kind in CommandKind]
             if not isinstance(self.command, CommandKind) and self.command not in words:
@@ -124,7 +129,9 @@ class Rig:
         read = TomlTable(table, where)
         plant = read.table("plant")
         errors = PlantErrors() if plant is None else plant.make(PlantErrors)
-        return read.make(cls, plant=errors, sensors=None)
+        sensors = read.table("sensors")
+        changes = None if sensors is None else sensors.values
+        return read.make(cls, plant=errors, sensors=changes)
 
     def robot(self, robot: Robot) -> Robot:
         """The robot with this rig.
@@ -145,9 +152,24 @@ class Rig:
             if actuator.is_winch and (actuator.stiffness < SMALLEST_WINCH or actuator.pushes):
                 expected = f"an input {actuator.name!r} that only pulls, with a cable's stiffness"
                 raise InputError("command", expected, repr(self.command))
-        sensors = robot.sensors if self.file else ()
-        sensors = sensors if self.sensors is None else self.sensors
-        return replace(robot, actuators=actuators, sensors=sensors, tendons=self._tendons(robot))
+        sensors, tendons = self._sensors(robot), self._tendons(robot)
+        return replace(robot, actuators=actuators, sensors=sensors, tendons=tendons)
+
+    def _sensors(self, robot: Robot) -> tuple[Sensor, ...]:
+        """The sensors of this rig."""
+        if isinstance(self.sensors, tuple):
+            return self.sensors
+        found = {sensor.name: sensor for sensor in robot.sensors} if self.file else {}
+        for name, changes in (self.sensors or {}).items():
+            if name not in found:
+                expected = "a sensor of the robot's file" if self.file else "file = true"
+                raise InputError(f"sensors: {name}", expected, did_you_mean(name, found))
+            size = found[name].kind.size
+            for key, value in changes.items():
+                if isinstance(value, tuple) and len(value) not in (1, size):
+                    raise InputError(f"sensors: {name}.{key}", f"1 or {size} numbers", value)
+            found[name] = replace(found[name], **changes)
+        return tuple(found.values())
 
     def _tendons(self, robot: Robot) -> tuple[Tendon, ...]:
         """The tendons with this rig's friction."""
@@ -158,6 +180,21 @@ class Rig:
             replace(tendon, friction=(self.friction or 0.0) if tendon.name in driven else 0.0)
             for tendon in robot.tendons
         )
+
+
+def _errors_of(name: str, table: Any) -> dict[str, Any]:
+    """The changed errors of a sensor, as the fields of a `Sensor`."""
+    read, changes = TomlTable(table, f"sensors: {name}"), dict[str, Any]()
+    least = {"noise": 0.0, "bias": -math.inf, "resolution": 0.0}
+    most = {"rate": math.inf, "latency": LONGEST_DELAY}
+    for key, value in read.rest((*least, *most)).items():
+        where = f"{read.where}.{key}"
+        if key in most:
+            changes[key] = number(where, value, lower=0.0, upper=most[key])
+        else:
+            each = value if isinstance(value, list | tuple) and value else [value]
+            changes[key] = tuple(number(where, x, lower=least[key]) for x in each)
+    return changes
 
 
 class _Errors:

@@ -8,6 +8,6 @@
 - `page`: the page, with its assets in ``web``
 - `explorer`: sliders for joints or inputs, and the equilibrium under those inputs
 
-A loop opens a `channel.Channel` with a `page.live_page`, sends rows of `frames.Columns` and reads
+A loop opens a `channel.Channel` by `page.open_live_page`, sends rows of `frames.Columns` and reads
 messages.
 """

@@ -25,7 +25,7 @@ from softdyn.view.live.channel import Channel
 from softdyn.view.live.frames import Columns
 from softdyn.view.live.messages import Limits, Message
 from softdyn.view.live.pacing import IDLE
-from softdyn.view.live.page import live_page
+from softdyn.view.live.page import open_live_page
 from softdyn.view.scene import Figure
 
 PARTS = 4  # steps along the branch for one move of the sliders
@@ -121,11 +121,8 @@ def _along(here: Equilibrium, u: np.ndarray) -> Equilibrium | None:
 def open_explorer_page(model: SoftModel, port: int | None = None) -> Channel:
     """Serve the page of an explorer until the channel is closed."""
     figure, title = Figure.of(model, tasks=True), model.bundled or model.name
-    return Channel(
-        live_page(figure, "explore", title=title), figure, title=title,
-        replayed=Columns(model, figure.numbers).replayed, limits=Limits.of(model, (), figure.size),
-        port=port,
-    )  # fmt: skip
+    limits = Limits.of(model, (), figure.size)
+    return open_live_page(figure, "explore", title=title, limits=limits, port=port)
 
 
 def explore(model: SoftModel, channel: Channel, over: Callable[[], bool] = lambda: False) -> None:

@@ -7,24 +7,19 @@ from functools import partial
 import numpy as np
 
 from softdyn.description.robot import input_unit
+from softdyn.view.live.channel import Channel
 from softdyn.view.live.frames import Columns
-from softdyn.view.live.messages import OPEN_LOOP
+from softdyn.view.live.messages import OPEN_LOOP, Limits
 from softdyn.view.page import asset, scene_page
 from softdyn.view.scene import TENSION, Figure
 
 
-def live_page(
-    figure: Figure,
-    mode: str,
-    *,
-    title: str,
-    laws: tuple[str, ...] = (),
-    period: float = 0.0,
-    pull: float = 1.0,
-    path: np.ndarray | None = None,
-    estimates: bool = False,
-) -> str:
-    """The page as text.
+def open_live_page(
+    figure: Figure, mode: str, *, title: str, limits: Limits | None = None,
+    port: int | None = None, period: float = 0.0, pull: float = 1.0,
+    path: np.ndarray | None = None, estimates: bool = False,
+) -> Channel:  # fmt: skip
+    """Serve the page of a live robot until the channel is closed.
 
     Parameters
     ----------
@@ -33,9 +28,11 @@ def live_page(
     mode : str
         ``play``, ``watch`` (a run without control by the page) or ``explore`` (joints and inputs).
     title : str
-        The heading.
-    laws : tuple of str
-        The menu of controllers.
+        The heading, and the title of recordings.
+    limits : Limits, optional
+        Limits of the messages, and the menu of controllers; without, the page only watches.
+    port : int, optional
+        By default a free one from 7000 on.
     period : float
         Control period (s).
     pull : float
@@ -48,18 +45,18 @@ def live_page(
     Raises
     ------
     InputError
-        If Meshcat is not installed.
+        If Meshcat is not installed, the port is taken or the server does not start.
     """
     model = figure.model
-    data = figure.data
+    columns = Columns(model, figure.numbers)
     scene = {
         "title": title,
         "mode": mode,
         "tension": [[stop, *rgb] for stop, rgb in TENSION],
-        "figure": data,
+        "figure": figure.data,
         "links": figure.links,
-        "columns": Columns(model, figure.numbers).data,
-        "laws": list(laws),
+        "columns": columns.data,
+        "laws": [] if limits is None else list(limits.laws),
         "open": OPEN_LOOP,
         "unit": input_unit(model.robot),
         "period": period,
@@ -71,4 +68,6 @@ def live_page(
     shared = (asset("figure.js"), asset("chart.js"))
     parts = (*shared, own("handle.js"), own("live.js"))
     style = asset("style.css") + own("live.css")
-    return scene_page(own("live.html"), style, "\n</script>\n<script>\n".join(parts), scene)
+    page = scene_page(own("live.html"), style, "\n</script>\n<script>\n".join(parts), scene)
+    replayed = columns.replayed
+    return Channel(page, figure, replayed=replayed, title=title, limits=limits, port=port)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.patches import Circle
 
 from softdyn.loading import load_text
-from softdyn.validation.report import plot_style as look
+from softdyn.validation.loop.pictures import plot_style as look
 from softdyn.view.scene import Figure
 
 # a cable from the world to a slide, around one body; the slide moves along z

@@ -17,6 +17,7 @@ from typing import Any
 from softdyn import InputError
 from softdyn.validation.files import read_json, write_text
 from softdyn.validation.identification.trials import SHOWN
+from softdyn.validation.loop import setups
 from softdyn.validation.loop.labels import CONTROLLERS, ROBOTS, SYMBOLS, cell_title
 from softdyn.validation.studies import benchmark, experiments
 from softdyn.validation.studies.benchmark_table import spread
@@ -184,7 +185,7 @@ def _beyond(controller: str) -> str:
     """Set points at several periods and trajectories of a controller and of the published one."""
     own = {k: c for k, c in _cells("beyond").items() if k.split("/")[1] == controller}
     for robot in PAPER_ROBOTS:
-        published = f"{1e3 * experiments.setup(robot).period:g} ms"
+        published = f"{1e3 * setups.setup(robot).period:g} ms"
         for name in (controller, LAW):
             if name not in GRID:
                 continue

@@ -96,7 +96,7 @@ def replace(path: str | Path, name: str, text: str) -> None:
 
 def draw(path: Path, tips: Mapping[str, np.ndarray]) -> None:
     """Draw the published tips, and ours with 20 joints, over time."""
-    from softdyn.validation.report import plot_style as look
+    from softdyn.validation.loop.pictures import plot_style as look
 
     drawn = ("PyElastica", "SoRoMoX", "SoRoSim", "ours, 20 joints that bend")
     with look.style():

@@ -14,7 +14,7 @@ from softdyn.controllers import CONTROLLERS
 from softdyn.statics.zero_dynamics import examine, zero_spectrum
 from softdyn.validation.loop.certificate import certified
 from softdyn.validation.loop.log import Log
-from softdyn.validation.report.plot_style import (
+from softdyn.validation.loop.pictures.plot_style import (
     BLUE,
     GREY,
     PAGE,
@@ -30,7 +30,7 @@ from softdyn.validation.report.plot_style import (
     style,
     write_figure,
 )
-from softdyn.validation.report.plot_style import (
+from softdyn.validation.loop.pictures.plot_style import (
     CONTROLLERS as LOOKS,
 )
 from softdyn.validation.simulate import simulate

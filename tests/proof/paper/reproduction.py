@@ -18,10 +18,11 @@ import numpy as np
 
 from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel
 from softdyn.controllers.gains import PUBLISHED
+from softdyn.validation.loop import setups
 from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.labels import cell_title
-from softdyn.validation.studies import benchmark, experiments
+from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.benchmark_table import benchmark_cells
 from softdyn.validation.studies.engine import executors, worker
 from softdyn.validation.studies.engine.case import Case
@@ -75,7 +76,7 @@ def reference_target(
     Its ellipse starts at this height above the ground, not at the base at 0.50 m. `shift` moves the
     ellipse along its axes a and b (m).
     """
-    setup = experiments.setup(robot)
+    setup = setups.setup(robot)
     length = SPIROB_LENGTH[experiment.kind] if robot.startswith("spirob") else setup.length
     (a, b), (cos, sin) = shift, (math.cos(PHI), math.sin(PHI))
     by = np.array([a * cos - b * sin, 0.0, a * sin + b * cos + length - setup.length])

@@ -13,9 +13,9 @@ from softdyn import SetPoint, SoftModel
 from softdyn.controllers import Gains, SoftIdClfQp
 from softdyn.controllers.barriers import JointLimits, KeepOutSphere
 from softdyn.safety import Surroundings
+from softdyn.validation.loop import setups
 from softdyn.validation.loop.log import Log
 from softdyn.validation.simulate import simulate
-from softdyn.validation.studies import experiments
 from softdyn.validation.studies.study_targets import points
 
 BALL = 0.08  # radius of the ball, as a share of the robot's length
@@ -104,7 +104,7 @@ def meet(
     Encounters
         It is passed when no barrier was violated by more than 1 mm or 0.01 rad.
     """
-    setup = experiments.setup_of(model)
+    setup = setups.setup_of(model)
     plain = SoftIdClfQp(model, gains)
     radius, tau = BALL * setup.length, plain.gains.eps
 
@@ -117,7 +117,7 @@ def meet(
         walls = [JointLimits(model)] if limits else []
         return SoftIdClfQp(model, gains, horizon=tau, barriers=[ball, *walls])
 
-    if target is None and model.bundled not in experiments.ROBOTS:
+    if target is None and model.bundled not in setups.ROBOTS:
         target = points(model, 1)[0]
     goal = setup.set_point(theta) if target is None else setup.target(target)
     laws = {"published": plain, "over the hold": SoftIdClfQp(model, gains, horizon=tau)}

@@ -20,7 +20,7 @@ from softdyn import Reference
 from softdyn.controllers import SoftIdClfQp
 from softdyn.controllers.gains import resolve
 from softdyn.safety import HalfSpace, KeepOutSphere, Surroundings
-from softdyn.validation.studies.experiments import setup_of
+from softdyn.validation.loop.setups import setup_of
 
 FAR = (
     HalfSpace(np.array([0, 0, 1.0]), -9.0, links="all"),

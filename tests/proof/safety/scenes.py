@@ -19,7 +19,7 @@ from softdyn.controllers.safety_filter import with_barriers
 from softdyn.safety import HalfSpace, KeepOutBox, KeepOutSphere, Surroundings
 from softdyn.safety.obstacles import Obstacle
 from softdyn.validation import Log, Twin, simulate
-from softdyn.validation.studies.experiments import setup_of
+from softdyn.validation.loop.setups import setup_of
 
 DURATION, ARRIVAL = 3.0, 2.0  # s
 CLEAR = 0.03  # of the arm's length: least distance of every obstacle at the start

@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from softdyn.validation.report.plot_style import (
+from softdyn.validation.loop.pictures.plot_style import (
     BLACK,
     BLUE,
     GREEN,

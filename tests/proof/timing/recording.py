@@ -15,6 +15,7 @@ from softdyn import InputError, Reference, SetPoint, SoftModel
 from softdyn.tasks import LinkKinematics, PointTask, StackedReference
 from softdyn.validation.arrays import read_npz
 from softdyn.validation.files import atomic, safe_filename
+from softdyn.validation.loop import setups
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.simulate import simulate
 from softdyn.validation.studies import experiments
@@ -156,9 +157,9 @@ def record(
 
 def experiments_of(model: SoftModel) -> list[Experiment]:
     """The experiments of a robot's loops; set points come first."""
-    if model.bundled not in experiments.ROBOTS:
+    if model.bundled not in setups.ROBOTS:
         return study_experiments(model, len(experiments.THETAS))
-    setup = experiments.setup_of(model)
+    setup = setups.setup_of(model)
     return [*map(setup.set_point, experiments.THETAS), setup.tracking(OMEGA)]
 
 

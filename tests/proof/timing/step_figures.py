@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from softdyn.validation.report.plot_style import (
+from softdyn.validation.loop.pictures.plot_style import (
     BLACK,
     BLUE,
     ORANGE,

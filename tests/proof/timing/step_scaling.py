@@ -12,7 +12,7 @@ import numpy as np
 import softdyn
 from softdyn import SoftModel
 from softdyn.controllers import Gains, SoftIdClfQp
-from softdyn.validation.studies import experiments
+from softdyn.validation.loop import setups
 from tests.proof.timing.chains import chain_urdf
 from tests.proof.timing.recording import record
 from tests.proof.timing.step_time import Subject, measure
@@ -59,7 +59,7 @@ def chain(folder: Path, joints: int, inputs: int) -> SoftModel:
 
 def _subject(model: SoftModel, states: int) -> Subject:
     tip = model.state(model.q0, np.zeros(model.nv)).y
-    loop = experiments.setup_of(model).target(tip + TARGET)
+    loop = setups.setup_of(model).target(tip + TARGET)
     recording = record(model, _controller, states, [loop], DURATION)
     return Subject(model, _controller, recording.steps())
 

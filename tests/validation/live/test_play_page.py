@@ -18,7 +18,7 @@ from softdyn.validation import Rig, paper, play
 from softdyn.validation.live.watching import open_watch_page, watch
 from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.closed_loop import ClosedLoop
-from softdyn.validation.report.replay import replay
+from softdyn.validation.loop.pictures.replay import replay
 from tests.support import PATIENCE, SCRIPTS, micro, winched
 from tests.support.browser import Browser, required
 

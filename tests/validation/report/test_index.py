@@ -82,7 +82,7 @@ def test_every_link_leads_to_a_file_and_none_elsewhere(results):
         for file in files:
             assert not re.match(r"[a-z]+:|/", file), file
             assert (page.parent / file).is_file(), file
-    assert "Error over time, finger" in (folder / "index.html").read_text()
+    assert "The tip from rest to each set point, finger" in (folder / "index.html").read_text()
 
 
 def test_the_page_has_table_versions_command_and_the_failed_run_with_its_reason(results):

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
-from softdyn.validation.report import figures, plot_data, plot_style, plots, time_figures
-from softdyn.validation.report.plot_data import PlottedRun, lyapunov_band, thin, thin_path
+from softdyn.validation.loop.pictures import plot_style, time_figures
+from softdyn.validation.loop.pictures.time_figures import thin
+from softdyn.validation.report import figures, plot_data, plots
+from softdyn.validation.report.plot_data import PlottedRun, lyapunov_band, thin_path
 from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.sources import load_model

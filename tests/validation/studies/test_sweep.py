@@ -170,7 +170,7 @@ def test_neither_an_interruption_nor_the_number_of_workers_changes_a_byte(folder
     assert call(folder / "sweep.toml", "--out", "straight", "--jobs", 1)[0] == 0
     names = [name for name in contents(Path("out")) if not name.endswith(".part")]
     straight = contents(Path("straight"))
-    assert len(straight) == 2 * len(stiffness) + 2
+    assert len(straight) == 2 * len(stiffness) + 3  # two tables, a figure
     assert {n: contents(Path("out"))[n] for n in names} == straight
 
 

@@ -14,6 +14,9 @@ from softdyn import InputError, SetPoint
 from softdyn.controllers import Gains, Mpc
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation import paper, simulate
+from softdyn.validation.loop.arguments import RunOptions
+from softdyn.validation.loop.closed_loop import ClosedLoop
+from softdyn.validation.loop.observation import make_observer
 from softdyn.validation.studies import study_targets, sweep_report
 from softdyn.validation.studies.axes import MAX_CASES, draw
 from softdyn.validation.studies.engine import cluster as dask
@@ -368,6 +371,84 @@ joint3 = 1.2
 count = 2
 seed = 5
 """
+
+
+SENSED = """
+robots = "sensed.urdf"
+controllers = "own.py:Spring"
+rows = ["change", "sample", "rig.sensors.left.eye.rate"]
+targets.point = { uniform = [[0.05, 0, -0.18], [0.1, 0, -0.15]] }
+run.duration = 0.02
+run.observer = "tip_force"
+[rig.sensors."left.eye"]
+noise = { log_uniform = [1e-4, 1e-2] }
+rate = [50, 100]
+[changes]
+late = { rig.sensors."left.eye".latency = { uniform = [0.01, 0.03] } }
+heavy = { plant.payload = { uniform = [0, 0.1] } }
+[samples]
+count = 3
+"""
+
+
+@pytest.fixture
+def sensed(folder):
+    """The pendulum with a camera at its tip."""
+    camera = '<sensor name="left.eye" type="position" link="tip" noise="0.001"/></softdyn>'
+    (folder / "sensed.urdf").write_text(PENDULUM.replace("</softdyn>", camera))
+
+
+def test_a_sensor_s_own_errors_and_every_other_value_may_be_random(written, sensed):
+    """Noise, latency, a target's point and a change: drawn per sample, the same in each change."""
+    sweep = written(SENSED)
+    cases = {change: [c for c, of in sweep.expanded if of == change] for change in sweep.changes}
+    assert {len(found) for found in cases.values()} == {2 * 3}  # rates, samples
+    (none, late, heavy) = (cases[name] for name in ("none", "late", "heavy"))
+    eyes = [case.options["rig"]["sensors"]["left.eye"] for case in none]
+    assert len({eye["noise"] for eye in eyes}) == len({case.value for case in none}) == 3
+    assert all(1e-4 <= eye["noise"] <= 1e-2 for eye in eyes)
+    assert all(0.05 <= x <= 0.1 and y == 0 and -0.18 <= z <= -0.15 for x, y, z in (
+        case.value for case in none))  # fmt: skip
+    name = "rig.sensors.left.eye"
+    assert [parameter(c, f"{name}.noise") for c in late] == [eye["noise"] for eye in eyes]
+    assert {parameter(c, f"{name}.rate") for c in none} == {50.0, 100.0}
+    assert {parameter(c, f"{name}.latency") for c in (*none, *heavy)} == {None}
+    assert len({parameter(c, f"{name}.latency") for c in late}) == 3
+    assert len({parameter(c, "plant.payload") for c in heavy}) == 3
+    # the plant's camera has them, and so has the observer's
+    case, model = late[0], sweep.models["sensed.urdf"]
+    options = RunOptions.of(case.options)
+    plant = ClosedLoop(model, lambda *_: None, case.experiment(model), options).plant
+    expected = (parameter(case, f"{name}.noise"),), parameter(case, f"{name}.latency")
+    for robot in (plant.twin.robot, make_observer(model, options.rig, "tip_force").model.robot):
+        (eye,) = robot.sensors
+        assert (eye.noise, eye.latency) == expected
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("noise = {", "nois = 1 # {", "nois: expected one of noise, bias, resolution, rate"),
+        ("rate = 50", "rate = -1", "rate: expected a finite number >= 0, got -1"),
+        ("rate = 50", "bias = [[1, 2]]", "left.eye.bias: expected 1 or 3 numbers"),
+        ("rate = 50", "latency = 11", "latency: expected a finite number >= 0 and <= 10"),
+        (
+            '[rig.sensors."left.eye"]',
+            "[rig.sensors.right]",
+            "expected a sensor of the robot's file",
+        ),
+        ('[rig.sensors."left.eye"]', "[rig]\nfile = false\n[rig.sensors.right]", "file = true"),
+        ('[rig.sensors."left.eye"]', "[rig]\nsensors = 3\n[gains]", "a table for each sensor"),
+        ("[0.1, 0, -0.15]]", "[0.1, 0]]", "targets.point: expected [x, y, z] in m"),
+        ("[0.1, 0, -0.15]]", "[0.1, 0, -0.2]]", "targets.point.2: expected a lower end below"),
+        ("payload =", "stiffness.each =", "expected one value, or one list per change"),
+    ],
+)
+def test_misuses_of_random_values_and_of_sensors(written, sensed, old, new, message):
+    text = SENSED.replace(', "rig.sensors.left.eye.rate"', "").replace("[50, 100]", "50")
+    assert old in text
+    with pytest.raises(InputError, match=re.escape(message)):
+        written(text.replace(old, new))
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ import numpy as np
 from softdyn import InputError, Reference, SoftModel
 from softdyn.controllers.registry import one_line_errors
 from softdyn.exceptions import own_code_errors
+from softdyn.validation.loop import setups
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.metrics import input_change
@@ -28,10 +29,10 @@ LONGEST_NAME = 80  # characters of a file's name before its hash
 
 # kind of a case → its experiment, from a robot's setup and the case's value
 NAMES = {"set_point": "theta", "tracking": "omega", "point": "point"}  # in files and tables
-KINDS: dict[str, Callable[[experiments.Setup, Any], Experiment]] = {
-    "set_point": experiments.Setup.set_point,
-    "tracking": experiments.Setup.tracking,
-    "point": experiments.Setup.target,
+KINDS: dict[str, Callable[[setups.Setup, Any], Experiment]] = {
+    "set_point": setups.Setup.set_point,
+    "tracking": setups.Setup.tracking,
+    "point": setups.Setup.target,
 }
 
 
@@ -121,7 +122,7 @@ class Case:
 
     def experiment(self, model: SoftModel) -> Experiment:
         """The experiment; a robot that is not in the paper gets an ellipse of its own size."""
-        setup = replace(experiments.setup_of(model), ellipse_scale=self.ellipse_scale)
+        setup = replace(setups.setup_of(model), ellipse_scale=self.ellipse_scale)
         period = self.options.get("period")
         setup = setup if period is None else replace(setup, period=period)
         experiment = KINDS[self.kind](setup, self.value)

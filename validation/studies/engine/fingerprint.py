@@ -21,6 +21,7 @@ RUN_BY = (
     "description", "dynamics", "controllers", "validation/twin", "validation/loop",
     "validation/studies/engine", "validation/studies/experiments.py",
 )  # fmt: skip
+PICTURES = "validation/loop/pictures"  # the part of these that changes no number
 ENGINES = ("pin", "mujoco", "proxsuite", "numpy", "scipy", "numba")
 
 
@@ -86,6 +87,7 @@ def _hash_of(names: tuple[str, ...]) -> str:
     for name in names:
         path = package / name
         found += [path] if path.is_file() else [*path.rglob("*.py"), *path.rglob("*.toml")]
+    found = [path for path in found if package / PICTURES not in path.parents]
     return hashlib.sha256(repr([(p.name, digest(p)) for p in sorted(found)]).encode()).hexdigest()
 
 

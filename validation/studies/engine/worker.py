@@ -20,8 +20,8 @@ import numpy as np
 from softdyn import SoftdynError
 from softdyn.controllers.registry import find_controller, make_controller
 from softdyn.exceptions import OwnCodeError, one_line
+from softdyn.validation.loop import setups
 from softdyn.validation.loop.log import Log
-from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine import case as cases_
 from softdyn.validation.studies.engine import fingerprint, sources
 from softdyn.validation.studies.engine.case import Case
@@ -114,7 +114,7 @@ def jobs_of(
         robot, model = robots[case.robot, case.annotations]
         controller = own.get(case.controller)
         files = [part.files for part in robot.parts]
-        parts = (files, controller and controller.files, experiments.setup_of(model))
+        parts = (files, controller and controller.files, setups.setup_of(model))
         mark = fingerprint.fingerprint(case, *parts)
         found.append(CaseJob(case, name, robot, controller, case.cost(model), mark, code, log))
     return found

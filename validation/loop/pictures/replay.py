@@ -11,9 +11,8 @@ from softdyn import SoftModel
 from softdyn.description.task_mark import TaskMark
 from softdyn.description.visuals import Visual
 from softdyn.validation.loop.experiment import ROLLOUT
-from softdyn.validation.loop.labels import controller_title, goal, labels_of
-from softdyn.validation.loop.log import Log
-from softdyn.validation.studies import experiments
+from softdyn.validation.loop.labels import AnyLog, controller_title, goal, labels_of
+from softdyn.validation.loop.setups import ellipse_points
 from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
 
@@ -25,7 +24,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 GAP = 1.25  # between robots side by side, in lengths of the robot
 
 
-def replay(log: Log, model: SoftModel, around: Sequence[Visual] = ()) -> Page:
+def replay(log: AnyLog, model: SoftModel, around: Sequence[Visual] = ()) -> Page:
     """One run as a page.
 
     Parameters
@@ -42,13 +41,12 @@ def replay(log: Log, model: SoftModel, around: Sequence[Visual] = ()) -> Page:
     InputError
         When the log is another robot's.
     """
-    figure = _figure(model, [log])
-    figure = replace(figure, scenery=(*figure.scenery, *around))
+    figure = _figure(model, [log]).among(None, around)
     run = PlayedRun(goal(log), (track(log, model),))
     return Page(model.bundled or log.robot, (figure,), (run,))
 
 
-def replays(logs: Sequence[Log], model: SoftModel, name: str, rate: float = RATE) -> Page:
+def replays(logs: Sequence[AnyLog], model: SoftModel, name: str, rate: float = RATE) -> Page:
     """One page with several runs of one robot, chosen from a list."""
     marks = list(dict.fromkeys(log.marks for log in logs))
     runs = tuple(
@@ -63,7 +61,7 @@ def replays(logs: Sequence[Log], model: SoftModel, name: str, rate: float = RATE
 
 
 def comparison(
-    logs: Sequence[Log],
+    logs: Sequence[AnyLog],
     models: Sequence[SoftModel],
     labels: Sequence[str] | None = None,
     side_by_side: bool = False,
@@ -72,7 +70,7 @@ def comparison(
 
     Parameters
     ----------
-    logs, models : Sequence[Log], Sequence[SoftModel]
+    logs, models : Sequence[AnyLog], Sequence[SoftModel]
         The runs and the robot of each.
     labels : Sequence[str], optional
         Names in the legend, by default those of `labels_of`.
@@ -85,7 +83,7 @@ def comparison(
         When a log is another robot's.
     """
     labels = labels_of(logs) if labels is None else labels
-    shared = dict[tuple[int, tuple[TaskMark, ...]], tuple[SoftModel, list[Log]]]()
+    shared = dict[tuple[int, tuple[TaskMark, ...]], tuple[SoftModel, list[AnyLog]]]()
     for log, model in zip(logs, models, strict=True):
         shared.setdefault((id(model), log.marks), (model, []))[1].append(log)
     figures = {key: _figure(*pair) for key, pair in shared.items()}
@@ -116,15 +114,15 @@ def comparison(
     return Page(" and ".join(robots), shown, (run,))
 
 
-def _figure(model: SoftModel, logs: Sequence[Log]) -> Figure:
+def _figure(model: SoftModel, logs: Sequence[AnyLog]) -> Figure:
     """A robot with the tasks of the first log, among the obstacles of the first that has any."""
     figure = replace(Figure.of(model), marks=logs[0].marks)
     around = next((found for log in logs if (found := log.surroundings) is not None), None)
-    return figure if around is None else replace(figure, scenery=around.visuals(figure.size))
+    return figure.among(around)
 
 
 def track(
-    log: Log, model: SoftModel, figure: int = 0, path: bool = True, rate: float = RATE
+    log: AnyLog, model: SoftModel, figure: int = 0, path: bool = True, rate: float = RATE
 ) -> Track:
     """A log as a track of at most `rate` frames a second and `MOST` in all."""
     log.source.check(model, "robot")
@@ -168,10 +166,10 @@ def _kept(t: np.ndarray, y: np.ndarray, rate: float, stride: float) -> np.ndarra
     return np.unique(np.concatenate((steady, fast[:MOST])))
 
 
-def reference_path(log: Log, model: SoftModel) -> np.ndarray | None:
+def reference_path(log: AnyLog, model: SoftModel) -> np.ndarray | None:
     """The reference's path (K, 3): the ellipse of the paper's experiments, else the logged path."""
     if (log.theta, log.omega) != (None, None):
-        points = experiments.ellipse_points(model)
+        points = ellipse_points(model)
         # a run of this name may have been on another ellipse
         if points is not None and _distance(points, log.y_ref[0]) < 0.05 * _distance(points, 0):
             return points

@@ -13,8 +13,8 @@ import softdyn
 from softdyn import InputError, SetPoint
 from softdyn.safety import HalfSpace, KeepOutSphere, Surroundings
 from softdyn.validation import Log, paper, simulate
-from softdyn.validation.report.replay import comparison, replay, replays, track
-from softdyn.validation.report.time_figures import compare
+from softdyn.validation.loop.pictures.replay import comparison, replay, replays, track
+from softdyn.validation.loop.pictures.time_figures import compare
 from tests.support import ROOT
 
 

@@ -1,8 +1,9 @@
-"""Figures over time: inputs and their bounds, and the errors of a few saved runs."""
+"""Figures over time: errors, inputs and their bounds of a few runs."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,63 +12,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from softdyn.validation.loop.experiment import ROLLOUT
-from softdyn.validation.loop.labels import experiment_title, labels_of
-from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.labels import AnyLog, labels_of
 from softdyn.validation.loop.metrics import CM, SIGMAS
+from softdyn.validation.loop.pictures import plot_style as look
 from softdyn.validation.loop.verdict import activity
-from softdyn.validation.report import plot_style as look
-from softdyn.validation.report.figures import FINEST
-from softdyn.validation.report.plot_data import (
-    EXAMPLE,
-    PlottedRun,
-    distinct,
-    finite_errors,
-    main_controller,
-    of,
-    preferred,
-    thin,
-)
+
+FINEST = 1e-4  # cm; errors below a micrometre are drawn as one
 
 
-def inputs(runs: Sequence[PlottedRun]) -> Figure | None:
-    """The input and its bounds over time, a row per robot: one set point, one trajectory."""
-    _, runs = main_controller(runs)
-    runs = [run for run in runs if run.log.u.size]
-    robots, kinds = distinct(runs, "robot"), distinct(runs, "kind")
-    if not runs:
-        return None
-    width = look.COLUMN if len(kinds) == 1 else look.PAGE
-    figure, grid = look.panels(len(robots), len(kinds), width, 1.6 * len(robots) + 0.3)
-    for row, robot in zip(grid, robots, strict=True):
-        shown: list[Log] = []
-        for axes, kind in zip(row, kinds, strict=True):
-            found = of(runs, robot, kind=kind)
-            if not found:
-                axes.set_axis_off()
-                continue
-            value = preferred([run.case.value for run in found], EXAMPLE[kind])
-            (run,) = of(found, value=value)
-            draw_inputs(axes, run.log)
-            shown.append(run.log)
-            name = f"{look.robot_title(robot)}, {experiment_title(kind, value)}{_activity(run.log)}"
-            look.letter(axes, len(kinds) * grid.index(row) + kinds.index(kind), name)
-        for axes in row:
-            scale_inputs(axes, shown)
-        row[0].set_ylabel(f"Input u ({shown[0].u_unit})")
-        nu = shown[0].u.shape[1]
-        every = [f"$u_{{{i + 1}}}$" for i in range(nu)]
-        cycle = len(look.INPUTS)
-        names = [", ".join(every[i::cycle]) for i in range(min(cycle, nu))]
-        handles = [look.handle(n, c) for n, c in zip(names, look.INPUTS, strict=False)]
-        handles.append(look.handle("bounds", (look.NEUTRAL, look.DOTTED), linewidth=0.8))
-        handles += look.legend_handles({}, {}, any(log.failed for log in shown))
-        row[-1].legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    for axes in grid[-1]:
-        axes.set_xlabel(look.TIME)
-    return figure
-
-
-def compare(logs: Sequence[Log], labels: Sequence[str]) -> Figure:
+def compare(logs: Sequence[AnyLog], labels: Sequence[str]) -> Figure:
     """‖e‖ (cm, logarithmic) over time of every run, with every run's inputs below.
 
     Rollouts have the coordinates of the tip instead of ‖e‖. A run that diverged is drawn up to its
@@ -97,13 +50,13 @@ def compare(logs: Sequence[Log], labels: Sequence[str]) -> Figure:
             draw_inputs(axes, log)
             scale_inputs(axes, [log])
         axes.set_ylabel(f"u ({log.u_unit})")
-        axes.set_title(label + _activity(log), loc="left")
+        axes.set_title(label + input_activity(log), loc="left")
     errors.set_xlim(0, max(log.duration for log in logs))
     grid[-1][0].set_xlabel(look.TIME)
     return figure
 
 
-def draw_errors(axes: Axes, logs: Sequence[Log], labels: Sequence[str]) -> None:
+def draw_errors(axes: Axes, logs: Sequence[AnyLog], labels: Sequence[str]) -> None:
     """Draw ‖e‖ (cm) of every run on a logarithmic scale."""
     for i, (log, label) in enumerate(zip(logs, labels, strict=True)):
         error = np.maximum(finite_errors(log), FINEST)
@@ -116,7 +69,7 @@ def draw_errors(axes: Axes, logs: Sequence[Log], labels: Sequence[str]) -> None:
     axes.legend()
 
 
-def draw_reserves(axes: Axes, runs: Sequence[tuple[Log, str, np.ndarray]]) -> None:
+def draw_reserves(axes: Axes, runs: Sequence[tuple[AnyLog, str, np.ndarray]]) -> None:
     """Draw the least reserve (mm) of each run among its barriers; below 0 a link is inside."""
     for i, (log, label, reserve) in enumerate(runs):
         least = 1e3 * np.min(reserve, axis=1)[: log.finite_samples]
@@ -127,7 +80,7 @@ def draw_reserves(axes: Axes, runs: Sequence[tuple[Log, str, np.ndarray]]) -> No
     axes.set_ylabel("least reserve (mm)")
 
 
-def draw_disturbances(axes: Axes, log: Log, label: str, unit: str) -> None:
+def draw_disturbances(axes: Axes, log: AnyLog, label: str, unit: str) -> None:
     """Draw the estimated disturbances of one unit, with their 95 % intervals."""
     assert log.disturbances is not None
     assert log.deviations is not None
@@ -148,7 +101,7 @@ def draw_disturbances(axes: Axes, log: Log, label: str, unit: str) -> None:
         axes.legend()
 
 
-def draw_tips(axes: Axes, logs: Sequence[Log], labels: Sequence[str]) -> None:
+def draw_tips(axes: Axes, logs: Sequence[AnyLog], labels: Sequence[str]) -> None:
     """Draw the tip's coordinates (cm) of every run, relative to its start."""
     for i, (log, label) in enumerate(zip(logs, labels, strict=True)):
         moved = CM * (log.y - log.y[0])[: log.finite_samples]
@@ -161,7 +114,7 @@ def draw_tips(axes: Axes, logs: Sequence[Log], labels: Sequence[str]) -> None:
 
 
 def save_comparison(
-    path: str | Path, logs: Sequence[Log], labels: Sequence[str] | None = None
+    path: str | Path, logs: Sequence[AnyLog], labels: Sequence[str] | None = None
 ) -> None:
     """Write the figure of `compare`, .png or .pdf; `labels` name the runs."""
     path = look.check_path(path)
@@ -169,7 +122,7 @@ def save_comparison(
         look.write_figure(compare(logs, labels or labels_of(logs)), path, dpi=120)
 
 
-def plot(log: Log, path: str | Path | None = None) -> Figure:
+def plot(log: AnyLog, path: str | Path | None = None) -> Figure:
     """One run's error and inputs over time; `path` is a .png or .pdf to write as well."""
     if path is not None:
         save_comparison(path, [log])
@@ -177,13 +130,13 @@ def plot(log: Log, path: str | Path | None = None) -> Figure:
         return compare([log], labels_of([log]))
 
 
-def _activity(log: Log) -> str:
+def input_activity(log: AnyLog) -> str:
     """Rate of change of a run's inputs, for a title; empty without inputs."""
     changes, *_ = activity(log.t, log.u, log.u_min, log.u_max)
     return "" if changes is None else f", {changes:.3g} of the range/s"
 
 
-def draw_inputs(axes: Axes, log: Log) -> None:
+def draw_inputs(axes: Axes, log: AnyLog) -> None:
     """Draw every held input u_i of a run, and its bounds."""
     for i in range(log.u.shape[1]):
         held = np.append(log.u[:, i], log.u[-1, i])[: len(log.t)]
@@ -199,7 +152,7 @@ def draw_inputs(axes: Axes, log: Log) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
 
 
-def scale_inputs(axes: Axes, logs: Sequence[Log]) -> None:
+def scale_inputs(axes: Axes, logs: Sequence[AnyLog]) -> None:
     """Scale the vertical axis to the bounds; logarithmic away from 0 if most inputs are near 0.
 
     Inputs ten times smaller than the bounds would be invisible on a linear axis.
@@ -219,3 +172,35 @@ def scale_inputs(axes: Axes, logs: Sequence[Log]) -> None:
     else:
         margin = 0.06 * (high - low)
         axes.set_ylim(low - margin, high + margin)
+
+
+def finite_errors(log: AnyLog) -> np.ndarray:
+    """‖e‖ (cm) of a log's samples, up to the first that is not finite."""
+    return CM * np.linalg.norm(log.error[: log.finite_samples], axis=1)
+
+
+def thin(*columns: np.ndarray, bins: int = 400) -> np.ndarray:
+    """Indices that give the same curves: the ends and, in each bin, every column's extremes.
+
+    Parameters
+    ----------
+    columns : np.ndarray, (N,)
+        Finite columns of equal length.
+    bins : int
+        Number of equal parts into which the samples are divided.
+
+    Returns
+    -------
+    np.ndarray, (K,)
+        Increasing indices, K ≤ 2 · bins · number of columns + 2; all of them if that is not fewer.
+    """
+    n = len(columns[0])
+    if n <= 2 * bins * len(columns) + 2:
+        return np.arange(n)
+    edges = np.linspace(0, n, bins + 1).astype(int)
+    keep = {0, n - 1}
+    for column in columns:
+        for begin, end in pairwise(edges):
+            part = column[begin:end]
+            keep |= {begin + int(part.argmin()), begin + int(part.argmax())}
+    return np.array(sorted(keep))
