@@ -19,8 +19,7 @@ import numpy as np
 
 from softdyn.validation.mjcf.comparison.matching import plain_name
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part
-from softdyn.validation.mjcf.comparison.terms import cross, skew
-from softdyn.validation.mjcf.transform import Transform
+from softdyn.validation.mjcf.transform import Transform, cross, skew
 
 GRAIN = 1e-9  # m, rad, relative: smaller errors are rounding
 BEAM = 12
