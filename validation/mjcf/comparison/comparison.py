@@ -37,6 +37,7 @@ from softdyn.validation.mjcf.comparison.side import Side
 # kinds that affect M, bias, g or a tip; others are measured only by their values
 DYNAMIC = KINDS[: KINDS.index("gravity") + 1]
 LIGHTEST = 1e-6  # least inertia of a motion whose joints have inertia 1; smaller ones are rounding
+LEAST = 1e-3  # least scale of forces and Jacobians, relative to what they could be
 READ = 1e-12  # largest relative error of an MJCF's neutral form against MuJoCo's own model
 NAMED = 1e-6  # smallest effect, or relative difference of a value, of a named cause
 
@@ -227,12 +228,16 @@ class _Measure:
         self._terms, self._states, self._size = terms, states, robot.size
         diagonal = np.einsum("sii->si", terms.M).max(axis=0)
         self._weight = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        self._force = float(np.abs(terms.bias * self._weight).max(initial=0.0)) or 1.0
-        self._pull = max(float(np.abs(terms.g * self._weight).max(initial=0.0)), 1e-3 * self._force)
-        self._arm = max(float(np.abs(terms.J).max(initial=0.0)), 1e-3 * self._size)
+        # forces that are zero but for rounding are measured by the inertia at 1 rad/s², 1 m/s²
+        least = LEAST * (float(np.sqrt(diagonal.max(initial=0.0))) or 1.0)
+        self._force = max(float(np.abs(terms.bias * self._weight).max(initial=0.0)), least)
+        self._pull = max(
+            float(np.abs(terms.g * self._weight).max(initial=0.0)), LEAST * self._force
+        )
+        self._arm = max(float(np.abs(terms.J).max(initial=0.0)), LEAST * self._size)
         moments, axes = np.linalg.eigh(terms.M * self._weight[:, None] * self._weight)
         self._whiten = axes / np.sqrt(np.maximum(moments, LIGHTEST))[:, None]
-        self._fall = float(np.linalg.norm(self._forced(terms.bias), axis=1).max()) or 1.0
+        self._fall = max(float(np.linalg.norm(self._forced(terms.bias), axis=1).max()), least)
         self._last = (robot, terms)
 
     def _evaluate(self, robot: Neutral) -> Terms:
