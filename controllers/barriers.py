@@ -160,24 +160,25 @@ class BarrierRows:
 
     def at(self, state: State, M: np.ndarray, h: np.ndarray) -> Rows:
         """Every barrier's rows where no joint is at a stop; M and h are those over the horizon."""
-        seen, steps = self._seen(state), self._steps(state, M, h)
-        return Rows.joined([_rows(state, seen, step, step.free) for step in steps])
+        values, steps = self._at(state), self._steps(state, M, h)
+        return Rows.joined([_rows(state, values, step, step.free) for step in steps])
 
-    def _seen(self, state: State) -> Seen:
+    def _at(self, state: State) -> BarrierValues:
         """The values of all barriers; a state without guarantee is counted."""
         (b, G, drift, unit), of = self._values(state)
         if self._kinds is None:
             self._kinds = np.array([
                 (one.rate, getattr(one, "recovery", one.rate),
-                 one.kept(self._model, self._period) if hasattr(one, "kept") else 0.0,
+                 one.sampled_margin(self._model, self._period)
+                 if hasattr(one, "sampled_margin") else 0.0,
                  isinstance(one, JointLimits)) for one in self._barriers
             ]).T  # fmt: skip
-        alpha, beta, kept, limits = self._kinds[:, of]
-        seen = Seen(alpha, beta, b, G @ state.v, drift, unit, G, limits > 0)
+        alpha, beta, margin, limits = self._kinds[:, of]
+        values = BarrierValues(alpha, beta, b, G @ state.v, drift, unit, G, limits > 0)
         if len(b):
-            self._count(seen, of)  # of the barriers themselves
+            self._count(values, of)  # of the barriers themselves
         self._begun = True
-        return seen._replace(b=b - kept)
+        return values._replace(b=b - margin)
 
     def _steps(self, state: State, M: np.ndarray, h: np.ndarray) -> list[StoppedStep]:
         """The steps τ that have rows; in a run the last is the control period."""
@@ -186,11 +187,11 @@ class BarrierRows:
             steps.append((self._period, *self._hold(state)))
         return [StoppedStep(state, *step) for step in steps]
 
-    def _count(self, seen: Seen, of: np.ndarray) -> None:
+    def _count(self, values: BarrierValues, of: np.ndarray) -> None:
         """Count a state without guarantee; warn if a run starts at one."""
-        alpha, b, unit, outside = seen.alpha, seen.b, seen.unit, ""
+        alpha, b, unit, outside = values.alpha, values.b, values.unit, ""
         self.violation = max(self.violation, float((-b / unit).max(initial=-np.inf)))
-        s = seen.rate + alpha * b
+        s = values.rate + alpha * b
         approach = np.minimum(b, s / alpha) / unit
         if approach.min(initial=0.0) < -NEGLIGIBLE:
             k = approach.argmin()
@@ -214,37 +215,37 @@ class BarrierRows:
 
         The first unknowns of `problem` are u. Stops count in runs only.
         """
-        seen = self._seen(state)
-        if solution is None or not solution.solved or not len(seen.alpha):
+        values = self._at(state)
+        if solution is None or not solution.solved or not len(values.alpha):
             return solution
         steps, nu, stopped = self._steps(state, M, h), state.B.shape[1], self._hold is not None
-        if all(self._met(seen, step, state, solution.x[:nu]) for step in steps):
+        if all(self._met(values, step, state, solution.x[:nu]) for step in steps):
             return solution
-        rows_of = partial(_rows, state, seen, leap=self._leap, period=self._period)
+        rows_of = partial(_rows, state, values, leap=self._leap, period=self._period)
         search = ModeSearch(steps, rows_of, stopped=stopped, relax=not stopped)
         best = search.best(self._qp, problem, solution, nu)
-        if stopped and best.sunk > 2 * ROOM:
+        if stopped and best.violation > 2 * ROOM:
             search = ModeSearch(
                 steps[-1:], partial(rows_of, braking=True), stopped=True, relax=True
             )
             best = search.best(self._qp, problem, solution, nu)
             self.braked += 1
-        if best.sunk > 2 * ROOM:
-            self.relaxed, self.relaxation = self.relaxed + 1, max(self.relaxation, best.sunk)
+        if best.violation > 2 * ROOM:
+            self.relaxed, self.relaxation = self.relaxed + 1, max(self.relaxation, best.violation)
         self.least += best.least
         return best.answer
 
-    def _met(self, seen: Seen, step: StoppedStep, state: State, u: np.ndarray) -> bool:
+    def _met(self, values: BarrierValues, step: StoppedStep, state: State, u: np.ndarray) -> bool:
         """Whether u meets all rows of a step in the mode that it leads to."""
         mode = step.free
         if self._hold is None:
             qdd = step.unstopped(u)
         else:
             qdd, mode = step.motion(u, mode)
-        allowed, unit = seen.allowed(step.tau)
-        second = seen.gradient @ qdd
-        if mode.any() and seen.limits.any():
-            second[seen.limits] = seen.gradient[seen.limits] @ step.unstopped(u)
+        allowed, unit = values.allowed(step.tau)
+        second = values.gradient @ qdd
+        if mode.any() and values.limits.any():
+            second[values.limits] = values.gradient[values.limits] @ step.unstopped(u)
         met = bool((second + allowed >= -ENOUGH * unit).all())
         if met and self._hold is not None and step.tau == self._period:
             tau, v, leap = step.tau, np.abs(state.v), self._leap
@@ -253,7 +254,7 @@ class BarrierRows:
         return met
 
 
-class Seen(NamedTuple):
+class BarrierValues(NamedTuple):
     """Values of all barriers at a state, those of one after those of another.
 
     Attributes
@@ -287,7 +288,7 @@ class Seen(NamedTuple):
 
 def _rows(
     state: State,
-    seen: Seen,
+    values: BarrierValues,
     step: StoppedStep,
     mode: np.ndarray,
     *,
@@ -301,15 +302,15 @@ def _rows(
     s > 0. Limits of joints keep them from their stops, so their rows are those of free joints. Over
     a period no joint moves by more than `leap` (n,), or faster than it does.
     """
-    tau, inverse, (allowed, unit) = step.tau, step.response(mode), seen.allowed(step.tau)
+    tau, inverse, (allowed, unit) = step.tau, step.response(mode), values.allowed(step.tau)
     if braking:
-        alpha, b, v = seen.alpha, seen.b, seen.rate
+        alpha, b, v = values.alpha, values.b, values.rate
         late, reach = v + alpha * b > 0, alpha / (tau * (1 + alpha * tau))
-        allowed = np.where(late, v / tau + reach * b + seen.drift, allowed)
-        unit = np.where(late, reach * seen.unit, unit)
-    response = seen.gradient @ inverse
-    if seen.limits.any():
-        response[seen.limits] = seen.gradient[seen.limits] @ step.response(step.free)
+        allowed = np.where(late, v / tau + reach * b + values.drift, allowed)
+        unit = np.where(late, reach * values.unit, unit)
+    response = values.gradient @ inverse
+    if values.limits.any():
+        response[values.limits] = values.gradient[values.limits] @ step.response(step.free)
     rows = Rows(-response[:, :-1], allowed - response[:, -1], unit)
     if leap is None or tau != period or not len(allowed):
         return rows

@@ -130,36 +130,36 @@ class TomlTable:
         """A text."""
         return self._typed(name, str, "a text", default)
 
-    def choice(self, name: str, among: Mapping[str, Any], default: Any = REQUIRED) -> Any:
-        """The value in `among` of the key's word."""
-        word = self._typed(name, str, " or ".join(among), default)
-        if word not in among:
-            raise self.error(name, " or ".join(among), did_you_mean(word, among))
-        return among[word]
+    def choice(self, name: str, choices: Mapping[str, Any], default: Any = REQUIRED) -> Any:
+        """The value in `choices` of the key's word."""
+        word = self._typed(name, str, " or ".join(choices), default)
+        if word not in choices:
+            raise self.error(name, " or ".join(choices), did_you_mean(word, choices))
+        return choices[word]
 
-    def words(self, name: str, among: Mapping[str, Any], default: Any = REQUIRED) -> Any:
+    def words(self, name: str, choices: Mapping[str, Any], default: Any = REQUIRED) -> Any:
         """A list of words, none twice, as a tuple."""
         value = self._typed(name, list, "a list of words", default)
         for word in value:
-            if not isinstance(word, str) or word not in among:
-                raise self.error(name, " or ".join(among), did_you_mean(str(word), among))
+            if not isinstance(word, str) or word not in choices:
+                raise self.error(name, " or ".join(choices), did_you_mean(str(word), choices))
         if len(set(value)) < len(value) or not value:
             raise self.error(name, "a list of at least one word, none twice", value)
         return tuple(value)
 
     def names(
-        self, name: str, default: Any = REQUIRED, among: Collection[str] = ()
+        self, name: str, default: Any = REQUIRED, choices: Collection[str] = ()
     ) -> tuple[str, ...]:
-        """A text, or a list of distinct texts, as a tuple; only those in `among`, if it has any."""
+        """A text, or a list of distinct texts, as a tuple; only `choices`, if there are any."""
         expected = "a text, or a list of distinct texts"
         value = self._typed(name, (str, list), expected, default)
         found = [value] if isinstance(value, str) else value
         fits = all(isinstance(one, str) and one for one in found)
         if not fits or len(set(found)) < len(found) or (name in self.values and not found):
             raise self.error(name, expected, repr(value))
-        for one in found if among else ():
-            if one not in among:
-                raise self.error(name, f"any of {', '.join(among)}", did_you_mean(one, among))
+        for one in found if choices else ():
+            if one not in choices:
+                raise self.error(name, f"any of {', '.join(choices)}", did_you_mean(one, choices))
         return tuple(found)
 
     # -- tables ------------------------------------------------------------------------------------

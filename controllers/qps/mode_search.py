@@ -20,7 +20,7 @@ class Attempt(NamedTuple):
     """An answer, its largest excess in units, and whether it is the input of least excess."""
 
     answer: QpSolution
-    sunk: float = np.inf
+    violation: float = np.inf
     least: bool = False
 
 
@@ -65,9 +65,11 @@ class ModeSearch:
             starts = [[step.still for step in self.steps], self._modes(solution.x[:nu], free)]
         for modes in starts:
             found = min(
-                found, self._attempt(qp, problem, solution, nu, modes), key=lambda one: one.sunk
+                found,
+                self._attempt(qp, problem, solution, nu, modes),
+                key=lambda one: one.violation,
             )
-            if found.sunk <= 2 * ROOM:
+            if found.violation <= 2 * ROOM:
                 break
         return found
 
@@ -95,9 +97,9 @@ class ModeSearch:
             elif k:
                 break
             modes = self._modes(u, modes)
-            sunk = self._sunk(u, modes)
-            if sunk < best.sunk:
-                best = Attempt(answer, sunk, least)
+            violation = self._violation(u, modes)
+            if violation < best.violation:
+                best = Attempt(answer, violation, least)
         return best
 
     def _add(
@@ -115,7 +117,7 @@ class ModeSearch:
             added |= new.size > 0
         return added
 
-    def _sunk(self, u: np.ndarray, modes: list[np.ndarray]) -> float:
+    def _violation(self, u: np.ndarray, modes: list[np.ndarray]) -> float:
         return max(
             float(self._rows(k, mode).excess(u).max(initial=0.0)) for k, mode in enumerate(modes)
         )

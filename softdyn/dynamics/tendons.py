@@ -87,7 +87,11 @@ class Tendons:
     wraps: WrappedPaths
 
     def lengths(
-        self, coordinates: np.ndarray, rotations: np.ndarray, translations: np.ndarray
+        self,
+        coordinates: np.ndarray,
+        rotations: np.ndarray,
+        translations: np.ndarray,
+        placed: PlacedPaths | None = None,
     ) -> np.ndarray:
         """Lengths (tendons,) in metres, or in the unit of ``coef · q`` for fixed tendons.
 
@@ -97,17 +101,24 @@ class Tendons:
             Joint coordinates.
         rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
             The bodies' poses.
+        placed : PlacedPaths, optional
+            The pieces around round bodies at these poses, if they are known.
         """
         lengths = self.coefficients @ coordinates + self.offset
         if self.spatial:
             norms = self._directions(rotations, translations)[2]
             lengths += np.bincount(self.segments.bodies[:, 2], norms, len(self.names))
         if self.wraps:
-            lengths += self.wraps.at(rotations, translations).lengths()
+            placed = self.wraps.at(rotations, translations) if placed is None else placed
+            lengths += placed.lengths()
         return lengths
 
     def moment_arms(
-        self, jacobian: np.ndarray, rotations: np.ndarray, translations: np.ndarray
+        self,
+        jacobian: np.ndarray,
+        rotations: np.ndarray,
+        translations: np.ndarray,
+        placed: PlacedPaths | None = None,
     ) -> np.ndarray:
         """Moment arms ∂ℓ/∂q (tendons, nv).
 
@@ -117,6 +128,8 @@ class Tendons:
             Joint Jacobian columns (v; ω) about the world's origin.
         rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
             The bodies' poses.
+        placed : PlacedPaths, optional
+            The pieces around round bodies at these poses, if they are known.
         """
         start, direction, _ = self._directions(rotations, translations)
         wrench = np.concatenate((direction, np.cross(start, direction)), axis=1)
@@ -125,7 +138,8 @@ class Tendons:
         arms = self.coefficients.copy()
         np.add.at(arms, (self.segments.bodies[segment, 2], dof), values)
         if self.wraps:
-            arms += self.wraps.at(rotations, translations).moment_arms(jacobian.T)
+            placed = self.wraps.at(rotations, translations) if placed is None else placed
+            arms += placed.moment_arms(jacobian.T)
         return arms
 
     def geometry(

@@ -254,11 +254,13 @@ class TreeModel(SoftModel):
         """Acceleration q̈ (n,) under the input u (m,), by the articulated-body algorithm."""
         q, v = self.about_base(vector("q", q, self.nq)), vector("v", v, self.nv)
         u = vector("u", u, self.nu)
-        arms, B, coordinates = self._fixed_arms, self._fixed_B, self.chart.of(q)
+        arms, B, coordinates, placed = self._fixed_arms, self._fixed_B, self.chart.of(q), None
         if self.tendons.spatial:
-            arms = self.tendon_moment_arms(q)
+            jacobian, poses = self.joint_jacobian(q), self.placements()
+            placed = self._wraps.at(*poses) if self._wraps else None
+            arms = self.tendons.moment_arms(jacobian, *poses, placed)
             B = self._input_matrix(arms)
-        lengths = self.tendons.lengths(coordinates, *self.placements())
+        lengths = self.tendons.lengths(coordinates, *self.placements(), placed)
         K, D = self._springs_and_dampers(coordinates, lengths, arms, v)
         tau = B @ u - D @ v - K
         return np.array(pin.aba(self.pin_model, self.pin_data, q, v, tau))

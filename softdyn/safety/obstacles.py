@@ -77,7 +77,7 @@ class Barrier(Frozen):
         """The smallest distance less the margin (m): the least of all values."""
         return self._on(state.model)[0].smallest(state) - self.margin
 
-    def kept(self, model: SoftModel, period: float) -> float:
+    def sampled_margin(self, model: SoftModel, period: float) -> float:
         """The distance α T ρ (m) that rows keep because they act once in a period T (s).
 
         ρ is the reach. A body in it may approach at α ρ. If a period's change of velocity is not

@@ -139,7 +139,7 @@ def test_kernels_are_the_plain_sums(monkeypatch: pytest.MonkeyPatch) -> None:
     data += rng.normal(size=(1, n)), rng.normal(size=(6, 1)), rng.normal(size=(6, n))
     own = Lookahead((1, 3, 6), 0.1, metric), np.eye(3 * m), rng.normal(size=3 * m)
     fast = condensed_qp(*data, *own)
-    monkeypatch.setattr(prediction, "_condensed", prediction._by_products)
+    monkeypatch.setattr(prediction, "_ramp_products", prediction._by_products)
     for kernel, plain in zip(fast, condensed_qp(*data, *own), strict=True):
         np.testing.assert_allclose(kernel, plain, rtol=1e-9, atol=1e-12 * np.abs(plain).max())
 

@@ -124,7 +124,7 @@ def _round(session: Session, kind: str, seconds: float, browser: str | None) -> 
         _run(session, channel, WARM)
         dropped = channel.dropped
         clock = _run(session, channel, seconds)
-        kept = clock.kept()
+        kept = clock.statistics()
         return {
             "median_us": kept.step_us["median"], "p99_us": kept.step_us["p99"],
             "wake_us": kept.wake_us["median"], "wake_p99_us": kept.wake_us["p99"],

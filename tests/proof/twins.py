@@ -66,6 +66,7 @@ def command(arguments: cli.Arguments) -> int:
         rows = read_json(path, "rows of a table")["rows"] if path.exists() else []
         rows = [row for row in rows if row["case"] != case]
         rows += [{"case": case, **row} for row in found["summary"]]
+        rows.sort(key=lambda row: [*CASES, row["case"]].index(row["case"]))  # as in the documents
         write_json(path, {"rows": rows})
     return cli.PASSED
 

@@ -19,7 +19,7 @@ from softdyn.validation.loop.arguments import name_of
 from softdyn.validation.twin.rig import Rig
 from softdyn.view.live.channel import Channel
 from softdyn.view.live.messages import OPEN_LOOP, SetController
-from softdyn.view.live.pacing import IDLE, RATE, Clock, Kept
+from softdyn.view.live.pacing import IDLE, RATE, Clock, ClockStatistics
 from softdyn.view.live.page import live_page
 from softdyn.view.scene import Figure
 
@@ -56,13 +56,13 @@ def figure_of(session: Session) -> Figure:
     return figure if around is None else replace(figure, scenery=around.visuals(figure.size))
 
 
-def period_note(period: float, kept: Kept) -> str:
+def period_note(period: float, clock: ClockStatistics) -> str:
     """A note about a control period (s) that the machine cannot hold, with one that it can hold."""
-    if kept.pace >= HELD:
+    if clock.pace >= HELD:
         return ""
-    step = 1e-6 * kept.step_us["median"]
-    plant = 1 / kept.pace - step / period  # s of work in a simulated second
-    text = f"{kept.pace:.2f} of real time at a control period of {1e3 * period:g} ms"
+    step = 1e-6 * clock.step_us["median"]
+    plant = 1 / clock.pace - step / period  # s of work in a simulated second
+    text = f"{clock.pace:.2f} of real time at a control period of {1e3 * period:g} ms"
     longer = math.ceil(1e3 * step / (ROOM - plant)) if plant < ROOM else 0
     if longer <= 1e3 * period:
         return f"{text}: no longer period helps, a second of the plant alone takes {plant:.2f} s"
@@ -122,7 +122,7 @@ def drive(
             continue
         clock.done(session.step())
         if say is not None and clock.periods == clock.keep:
-            note = period_note(session.period, clock.kept())
+            note = period_note(session.period, clock.statistics())
             if note:
                 say(note)
         if clock.frame(RATE):

@@ -139,6 +139,6 @@ def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, 
                 shown += 1
             loop.advance()
             clock.done(spent)
-    kept = clock.kept()
+    found = clock.statistics()
     channel.state({"notice": loop.reason or "done", "paused": True})
-    return loop.log(), ViewerCost(shown, channel.dropped, kept.pace, kept.misses, kept.wake_us)
+    return loop.log(), ViewerCost(shown, channel.dropped, found.pace, found.misses, found.wake_us)

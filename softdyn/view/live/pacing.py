@@ -14,7 +14,7 @@ SPAN = 0.5  # s, the time over which the pace is measured
 
 
 @dataclass(frozen=True)
-class Kept:
+class ClockStatistics:
     """Statistics of a clock: misses, delays, step times, pace.
 
     Attributes
@@ -45,7 +45,7 @@ class Clock:
     speed : float
         Simulated seconds per second.
     keep : int
-        Number of periods whose times are stored for `kept`.
+        Number of periods whose times are stored for `statistics`.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ class Clock:
         self._frame = max(self._frame + 1 / rate, now)
         return True
 
-    def kept(self) -> Kept:
+    def statistics(self) -> ClockStatistics:
         """Statistics of all periods since the clock began."""
         count = min(self.periods, self.keep)
         wake, step = (
@@ -128,4 +128,4 @@ class Clock:
         ) if count else ({}, {})  # fmt: skip
         then, before = self._began
         pace = (self.periods - before) * self.period / max(perf_counter() - then, 1e-9)
-        return Kept(self.periods, self.misses, wake, step, pace)
+        return ClockStatistics(self.periods, self.misses, wake, step, pace)

@@ -24,7 +24,7 @@ from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.view.live import messages as m
 from softdyn.view.live.frames import Columns
 from softdyn.view.live.messages import OPEN_LOOP
-from softdyn.view.live.pacing import Clock, Kept
+from softdyn.view.live.pacing import Clock, ClockStatistics
 from tests.support import micro, winched
 from tests.support.sensed import sensed
 
@@ -362,7 +362,7 @@ def test_a_mismatch_delays_the_inputs_and_blurs_the_tip(model, chosen):
     ],
 )
 def test_a_period_that_the_machine_does_not_hold_is_told(pace, step, expected):
-    note = period_note(2e-3, Kept(500, 400, {}, {"median": 1e6 * step}, pace))
+    note = period_note(2e-3, ClockStatistics(500, 400, {}, {"median": 1e6 * step}, pace))
     assert (note == "") == (expected == "")
     assert expected in note
 
