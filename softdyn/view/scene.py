@@ -149,7 +149,9 @@ class Figure:
         marks = marks_of(tasks_of(model)) if tasks and model.robot.tasks else ()
         return cls(model, shapes, tuple(_cables(model, shapes)), problems, marks=marks)
 
-    def among(self, surroundings: Surroundings | None, scenery: Sequence[Visual] = ()) -> Figure:
+    def with_scenery(
+        self, surroundings: Surroundings | None, scenery: Sequence[Visual] = ()
+    ) -> Figure:
         """The figure with shapes of the world around it: obstacles, and other scenery."""
         obstacles = () if surroundings is None else surroundings.visuals(self.size)
         return replace(self, scenery=(*self.scenery, *scenery, *obstacles))

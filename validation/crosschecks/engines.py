@@ -7,7 +7,6 @@ cross-check does.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,10 +21,16 @@ from softdyn.validation.crosschecks.crosscheck import crosscheck
 from softdyn.validation.crosschecks.result import CrossCheck
 from softdyn.validation.mjcf.comparison.comparison import NAMED
 from softdyn.validation.mjcf.comparison.drives import ONLY
-from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, Neutral
+from softdyn.validation.mjcf.comparison.dynamics import (
+    States,
+    evaluate,
+    misreading,
+    random_states,
+    relative_errors,
+)
+from softdyn.validation.mjcf.comparison.neutral import Neutral
 from softdyn.validation.mjcf.comparison.result import Cause
 from softdyn.validation.mjcf.comparison.side import Side
-from softdyn.validation.mjcf.comparison.terms import Terms, evaluate, random_states, rotations
 from softdyn.validation.mjcf.scene import Scene
 
 SORTS = mujoco.mjtTrn
@@ -33,7 +38,6 @@ TENDON = ("tendon_armature", "tendon_stiffness", "tendon_stiffnesspoly", "tendon
           "tendon_dampingpoly")  # fmt: skip
 SPRINGS = ("stiffness", "damping")
 SAME = 1e-9  # relative, of an engine against the neutral form
-Answer = tuple[np.ndarray, np.ndarray, np.ndarray]  # M, bias, g, in the neutral form's order
 
 
 def engine_errors(
@@ -51,8 +55,9 @@ def engine_errors(
     Returns
     -------
     dict[str, float]
-        Errors of ``M``, ``bias``, ``g``, relative to the largest entry of each or of M. Empty for a
-        URDF with mimic joints, because Pinocchio's model has no coordinates for them.
+        Errors of ``M``, ``bias``, ``g``, for MuJoCo also of ``J``, relative to the largest entry of
+        each or of M. Empty for a URDF with mimic joints, because Pinocchio's model has no
+        coordinates for them.
 
     Raises
     ------
@@ -64,16 +69,9 @@ def engine_errors(
     if robot.format == "urdf" and robot.couplings:
         return {}
     states = random_states(robot, samples, seed)
-    terms = evaluate(robot, states)
     if side.is_mjcf:
-        judge = _Mujoco(robot, copy.copy(side.compiled))
-        answers = [judge.at([q[k] for q in states.q], states.v[k]) for k in range(samples)]
-    else:
-        answers = [
-            _pinocchio(side.model, robot, [q[k] for q in states.q], states.v[k])
-            for k in range(samples)
-        ]
-    return _errors(terms, answers)
+        return misreading(robot, side.compiled, states)
+    return _pinocchio_errors(side.model, robot, states)
 
 
 def side_by_side(
@@ -193,60 +191,17 @@ def _silence_drives(
                 model.actuator_dampingpoly[k] = 0.0
 
 
-def _errors(terms: Terms, answers: list[Answer]) -> dict[str, float]:
-    found = {}
-    inertia = float(np.abs(terms.M).max(initial=0.0)) or 1.0  # times 1 rad/s², for forces
-    for index, name in enumerate(("M", "bias", "g")):
-        ours = getattr(terms, name)
-        theirs = np.array([answer[index] for answer in answers])
-        scale = max(float(np.abs(theirs).max(initial=0.0)), inertia)
-        found[name] = float(np.abs(ours - theirs).max(initial=0.0)) / scale
-    return found
-
-
-def _pinocchio(model: SoftModel, robot: Neutral, q: list[np.ndarray], v: np.ndarray) -> Answer:
+def _pinocchio_errors(model: SoftModel, robot: Neutral, states: States) -> dict[str, float]:
+    """Errors of M, bias and g of the neutral form against Pinocchio."""
     names = [part.name for part in robot.parts]
     order = [names.index(name) for name in model.joint_names]
-    back = np.argsort(order)
-    coordinates = np.array([value[0] for value in q])[order]
-    state = model.state(model.configuration(coordinates), v[order])
-    return state.M[np.ix_(back, back)], state.bias[back], state.g[back]
-
-
-class _Mujoco:
-    """A compiled MJCF, evaluated in the coordinates of the neutral form."""
-
-    def __init__(self, robot: Neutral, model: mujoco.MjModel) -> None:
-        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-        self._parts, self._model, self._data = robot.parts, model, mujoco.MjData(model)
-        # angular velocities of balls and free bases: the body's axes relative to the root's at zero
-        self._turn = np.eye(model.nv)
-        first = 0
-        for part in robot.parts:
-            last = first + FREEDOMS[part.kind]
-            if part.kind in ("ball", "free"):
-                self._turn[last - 3 : last, last - 3 : last] = part.pose.rotation.T
-            first = last
-
-    def at(self, q: list[np.ndarray], v: np.ndarray) -> Answer:
-        """M, bias, g of the whole model at one state."""
-        qpos: list[np.ndarray] = []
-        for part, value in zip(self._parts, q, strict=True):
-            if part.kind in ("ball", "free"):
-                zero = part.pose.rotation
-                turn = zero.T @ rotations(value[-3:]) @ zero
-                quaternion = np.empty(4)
-                mujoco.mju_mat2Quat(quaternion, turn.ravel())
-                qpos += [value[:-3], quaternion]
-            else:
-                qpos.append(value)
-        data, model = self._data, self._model
-        data.qpos[:] = np.concatenate([np.zeros(0), *qpos])
-        answers = []
-        for velocity in (v, np.zeros_like(v)):
-            data.qvel[:] = self._turn @ velocity
-            mujoco.mj_forward(model, data)
-            answers.append(self._turn.T @ (data.qfrc_bias - data.qfrc_gravcomp))
-        M = np.empty((model.nv, model.nv))
-        mujoco.mj_fullM(model, data, M)
-        return self._turn.T @ M @ self._turn, answers[0], answers[1]
+    back, terms = np.argsort(order), evaluate(robot, states)
+    rows = []
+    for k, v in enumerate(states.v):
+        coordinates = np.array([q[k, 0] for q in states.q])[order]
+        state = model.state(model.configuration(coordinates), v[order])
+        rows.append((state.M[np.ix_(back, back)], state.bias[back], state.g[back]))
+    M, bias, g = map(np.array, zip(*rows, strict=True))
+    errors = relative_errors(terms, replace(terms, M=M, bias=bias, g=g))
+    del errors["J"]
+    return errors

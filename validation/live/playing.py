@@ -40,7 +40,7 @@ def open_play_page(session: Session, port: int | None = None) -> Channel:
     model = session.model
     figure = replace(Figure.of(model), marks=session.limits.marks)
     return open_live_page(
-        figure.among(session.surroundings), "play", title=model.bundled or model.name,
+        figure.with_scenery(session.surroundings), "play", title=model.bundled or model.name,
         limits=session.limits, port=port, period=session.period, pull=session.pull,
         estimates=session.estimates,
     )  # fmt: skip

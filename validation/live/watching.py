@@ -76,7 +76,7 @@ def open_watch_page(
     if loop.plant.settings.get("plant") is not None:
         title += f", in {loop.plant.settings['plant']}"
     return open_live_page(
-        figure.among(loop.surroundings, scenery), "watch", title=title, port=port,
+        figure.with_scenery(loop.surroundings, scenery), "watch", title=title, port=port,
         period=loop.grid.period, path=setups.ellipse_points(model) if on_ellipse else None,
     )  # fmt: skip
 

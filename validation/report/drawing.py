@@ -8,6 +8,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from softdyn.description.inertia import rotation_rpy
 from softdyn.description.robot import Robot, moving_link_of, poses
@@ -15,7 +16,6 @@ from softdyn.description.visuals import CylinderShape, Rgba, SphereShape, Visual
 from softdyn.exceptions import UrdfError
 from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, WORLD, Neutral
 from softdyn.validation.mjcf.comparison.side import Side
-from softdyn.validation.mjcf.comparison.terms import rotations
 from softdyn.validation.mjcf.scenery import geom_visuals
 from softdyn.view.scene import FigureData, columns, shape_data
 
@@ -75,7 +75,8 @@ class RobotDrawing:
         for part in self.robot.parts:
             value = np.zeros(FREEDOMS[part.kind]) + q.get(part.name, self.rest.get(part.name, 0.0))
             if part.kind in ("free", "ball"):
-                value = np.concatenate((value[:-3], _angles(rotations(value[-3:]))))
+                turned = Rotation.from_rotvec(value[-3:]).as_matrix()
+                value = np.concatenate((value[:-3], _angles(turned)))
             row += value.tolist()
         return np.array(row)
 

@@ -12,8 +12,8 @@ import pytest
 import softdyn
 from softdyn.validation.crosschecks.engines import engine_errors
 from softdyn.validation.mjcf.comparison.comparison import compare
+from softdyn.validation.mjcf.comparison.dynamics import States, evaluate
 from softdyn.validation.mjcf.comparison.side import neutral
-from softdyn.validation.mjcf.comparison.terms import States, evaluate
 from softdyn.validation.mjcf.mjcf_file import read_mjcf
 from tests.support import SCRIPTS, pair_robots
 

@@ -9,11 +9,12 @@ from lxml import etree
 
 from softdyn.commands import compare as command
 from softdyn.validation import compare
+from softdyn.validation.mjcf.comparison.dynamics import States
 from softdyn.validation.mjcf.comparison.side import Side
-from softdyn.validation.mjcf.comparison.terms import States, forward_kinematics
 from softdyn.validation.report.drawing import RobotDrawing
 from softdyn.validation.report.pair_page import ALONE, DIFFERS, PLAIN, VALUES, pair_page
 from tests.support import ROOT, pair_robots
+from tests.support.terms import forward_kinematics
 
 SCENE = ROOT / "docs/examples/finger_scene.xml"
 BALLS = """<mujoco><worldbody><body name="a" pos="1 2 3" euler="10 20 30">
@@ -66,9 +67,8 @@ def test_balls_and_free_bodies_turn_as_in_the_neutral_form(tmp_path):
     robot = drawing.robot
     q = ([0.1, -0.2, 0.3, 0.5, -0.8, 0.4], [0.9, 0.2, -0.6])
     row = drawing.coordinates({p.name: v for p, v in zip(robot.parts, q, strict=True)})
-    there = forward_kinematics(
-        robot, States(tuple(np.array([v]) for v in q), np.zeros((1, robot.nv)))
-    )
+    states = States(tuple(np.array([v]) for v in q), np.zeros((1, robot.nv)))
+    there = forward_kinematics(robot, states)
     for (part, shape), pose in zip(drawing.shapes, posed(drawing.data, row), strict=True):
         wanted = there.point(part, shape.pose[:3, 3])[0]
         assert np.allclose(pose[:3, 3], wanted, atol=1e-8)

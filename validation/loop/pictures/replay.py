@@ -41,7 +41,7 @@ def replay(log: AnyLog, model: SoftModel, around: Sequence[Visual] = ()) -> Page
     InputError
         When the log is another robot's.
     """
-    figure = _figure(model, [log]).among(None, around)
+    figure = _figure(model, [log]).with_scenery(None, around)
     run = PlayedRun(goal(log), (track(log, model),))
     return Page(model.bundled or log.robot, (figure,), (run,))
 
@@ -118,7 +118,7 @@ def _figure(model: SoftModel, logs: Sequence[AnyLog]) -> Figure:
     """A robot with the tasks of the first log, among the obstacles of the first that has any."""
     figure = replace(Figure.of(model), marks=logs[0].marks)
     around = next((found for log in logs if (found := log.surroundings) is not None), None)
-    return figure.among(around)
+    return figure.with_scenery(around)
 
 
 def track(

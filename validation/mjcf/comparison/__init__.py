@@ -1,8 +1,7 @@
 """Two files of one robot, URDF or MJCF: one neutral form, matching, causes, substitution.
 
 `side` is one of the files, read once. `neutral` is the neutral form; `from_urdf`, `from_mjcf` and
-`mjcf_drives` fill it, and `terms` computes its dynamics without an engine. `matching` pairs the
-joints. `geometry`, `bodies`, `parameters` and `drives` look for causes, each a `finding`, and
-`displacements` looks for the simplest displacements that explain all. `comparison` combines them,
-and `result` is its result.
+`mjcf_drives` fill it, and MuJoCo measures its `dynamics`. `matching` pairs the joints. `geometry`,
+`bodies`, `parameters` and `drives` look for causes, each a `finding`, and `displacements` looks for
+the simplest displacements that explain all. `comparison` combines them, and `result` is its result.
 """

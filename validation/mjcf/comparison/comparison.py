@@ -10,14 +10,21 @@ from pathlib import Path
 import numpy as np
 
 from softdyn.checks import number
-from softdyn.exceptions import InputError
+from softdyn.exceptions import InputError, UrdfError
+from softdyn.validation.mjcf.comparison.dynamics import (
+    QUANTITIES,
+    States,
+    Terms,
+    evaluate,
+    misreading,
+    random_states,
+)
 from softdyn.validation.mjcf.comparison.finding import KINDS, Finding, Turns
 from softdyn.validation.mjcf.comparison.geometry import find_geometry
 from softdyn.validation.mjcf.comparison.matching import Match, match, reduce
 from softdyn.validation.mjcf.comparison.neutral import Neutral
 from softdyn.validation.mjcf.comparison.parameters import find_order, find_parameters
 from softdyn.validation.mjcf.comparison.result import (
-    QUANTITIES,
     ROUNDING,
     SHOWN,
     Cause,
@@ -26,11 +33,12 @@ from softdyn.validation.mjcf.comparison.result import (
     Worst,
 )
 from softdyn.validation.mjcf.comparison.side import Side
-from softdyn.validation.mjcf.comparison.terms import States, Terms, evaluate, random_states
 
 # kinds that affect M, bias, g or a tip; others are measured only by their values
 DYNAMIC = KINDS[: KINDS.index("gravity") + 1]
 LIGHTEST = 1e-6  # least inertia of a motion whose joints have inertia 1; smaller ones are rounding
+LEAST = 1e-3  # least scale of forces and Jacobians, relative to what they could be
+READ = 1e-12  # largest relative error of an MJCF's neutral form against MuJoCo's own model
 NAMED = 1e-6  # smallest effect, or relative difference of a value, of a named cause
 
 
@@ -74,7 +82,8 @@ def compare(
     Raises
     ------
     UrdfError
-        A file cannot be used; the message names file, element, expected and got.
+        A file cannot be used; the message names file, element, expected and got. softdyn misreads
+        an MJCF, so that MuJoCo computes other dynamics from the neutral form than from the file.
     InputError
         A name is unknown, or the mapping is impossible.
     """
@@ -84,10 +93,23 @@ def compare(
     if tolerance is not None:
         number("tolerance", tolerance, lower=0.0)
     one, other = (Side.of(source, repair_inertia=repair_inertia) for source in (a, b))
+    for side in (one, other):
+        if side.is_mjcf:
+            _check_reading(side, samples, seed)
     return compare_neutral(
         one.beside(other).neutral, other.beside(one).neutral, mapping=mapping, strict=strict,
         tolerance=tolerance, samples=samples, seed=seed, begin=begin,
     )  # fmt: skip
+
+
+def _check_reading(side: Side, samples: int, seed: int) -> None:
+    """Raise an error if an MJCF's neutral form has other dynamics than MuJoCo's compiled model."""
+    robot = side.neutral
+    errors = misreading(robot, side.compiled, random_states(robot, samples, seed))
+    if wrong := {name: error for name, error in errors.items() if not error <= READ}:
+        expected = f"that softdyn reads MuJoCo's own M, bias, g and J, to {READ:g}"
+        got = ", ".join(f"{name} {error:.1e} apart" for name, error in wrong.items())
+        raise UrdfError(side.path, "<mujoco>", expected, got)
 
 
 def compare_neutral(
@@ -206,12 +228,16 @@ class _Measure:
         self._terms, self._states, self._size = terms, states, robot.size
         diagonal = np.einsum("sii->si", terms.M).max(axis=0)
         self._weight = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        self._force = float(np.abs(terms.bias * self._weight).max(initial=0.0)) or 1.0
-        self._pull = max(float(np.abs(terms.g * self._weight).max(initial=0.0)), 1e-3 * self._force)
-        self._arm = max(float(np.abs(terms.J).max(initial=0.0)), 1e-3 * self._size)
+        # forces that are zero but for rounding are measured by the inertia at 1 rad/s², 1 m/s²
+        least = LEAST * (float(np.sqrt(diagonal.max(initial=0.0))) or 1.0)
+        self._force = max(float(np.abs(terms.bias * self._weight).max(initial=0.0)), least)
+        self._pull = max(
+            float(np.abs(terms.g * self._weight).max(initial=0.0)), LEAST * self._force
+        )
+        self._arm = max(float(np.abs(terms.J).max(initial=0.0)), LEAST * self._size)
         moments, axes = np.linalg.eigh(terms.M * self._weight[:, None] * self._weight)
         self._whiten = axes / np.sqrt(np.maximum(moments, LIGHTEST))[:, None]
-        self._fall = float(np.linalg.norm(self._forced(terms.bias), axis=1).max()) or 1.0
+        self._fall = max(float(np.linalg.norm(self._forced(terms.bias), axis=1).max()), least)
         self._last = (robot, terms)
 
     def _evaluate(self, robot: Neutral) -> Terms:

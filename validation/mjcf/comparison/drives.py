@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from softdyn.validation.mjcf.comparison.dynamics import States, evaluate
 from softdyn.validation.mjcf.comparison.finding import (
     LIMITS,
     SAME,
@@ -29,7 +30,6 @@ from softdyn.validation.mjcf.comparison.neutral import (
     NeutralTendon,
     Point,
 )
-from softdyn.validation.mjcf.comparison.terms import States, lengths
 from softdyn.validation.mjcf.compiled_rig import ABSENT, CABLE, about_joint
 
 FRAMES = 1e-6  # m
@@ -64,7 +64,7 @@ def _paired(ours: tuple[Named, ...], theirs: tuple[Named, ...]) -> list[tuple[An
 
 
 def _tendons(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[Finding]:
-    ours, theirs = lengths(a, states), lengths(b, states)
+    ours, theirs = _lengths(a, states), _lengths(b, states)
     urdf = with_urdf(a, b)
     for one, other in _paired(a.cables, b.cables):
         if one is None or other is None:
@@ -120,6 +120,14 @@ def _tendons(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[F
         for field, values, size in told_apart(one.more, other.more, urdf=urdf):
             repair = _with_tendon(other.name, more=one.more)
             yield Finding("tendon", one.name, values, field, repair, size, urdf)
+
+
+def _lengths(robot: Neutral, states: States) -> dict[str, np.ndarray]:
+    """Length (samples,) of every tendon."""
+    if not robot.cables:
+        return {}
+    rows = evaluate(robot, states).lengths.T
+    return {cable.name: row for cable, row in zip(robot.cables, rows, strict=True)}
 
 
 def _terms_apart(ours: dict[str, float], theirs: dict[str, float]) -> float | None:

@@ -17,6 +17,7 @@ import numpy as np
 
 from softdyn.validation.mjcf.comparison.bodies import vector
 from softdyn.validation.mjcf.comparison.drives import find_drives
+from softdyn.validation.mjcf.comparison.dynamics import States
 from softdyn.validation.mjcf.comparison.finding import (
     LIMITS,
     SAME,
@@ -31,7 +32,6 @@ from softdyn.validation.mjcf.comparison.finding import (
 )
 from softdyn.validation.mjcf.comparison.matching import plain_name
 from softdyn.validation.mjcf.comparison.neutral import Neutral, Part
-from softdyn.validation.mjcf.comparison.terms import States
 
 NOTHING = 1e-12  # m
 REST = 1e-6  # rad, m

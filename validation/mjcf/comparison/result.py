@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+from softdyn.validation.mjcf.comparison.dynamics import QUANTITIES
 from softdyn.validation.tables import Table
 
-QUANTITIES = ("M", "bias", "g", "J")
 SHOWN = ("M", "bias", "g", "tip")  # the effects that sort the causes
 CAUSE_TITLES = ("M", "g", "tip", "kind", "where", "A", "B", "")
 CAUSE_FORMATS = (*[".1e"] * 3, *[""] * 5)

@@ -1,5 +1,6 @@
-"""The neutral form must agree with both engines."""
+"""The neutral form rebuilt for MuJoCo: against Pinocchio, the user's own model, and an oracle."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -7,13 +8,22 @@ import numpy as np
 import pytest
 
 import softdyn
+from softdyn.description.inertia import Inertia
+from softdyn.exceptions import UrdfError
 from softdyn.validation import compare
 from softdyn.validation.crosschecks.engines import engine_errors
+from softdyn.validation.mjcf.comparison.dynamics import (
+    QUANTITIES,
+    evaluate,
+    misreading,
+    random_states,
+    relative_errors,
+)
 from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf
-from softdyn.validation.mjcf.comparison.side import neutral
-from softdyn.validation.mjcf.comparison.terms import evaluate, lengths, random_states
+from softdyn.validation.mjcf.comparison.side import Side, neutral
 from softdyn.validation.mjcf.mjcf_file import read_mjcf
-from tests.support import micro
+from tests.support import micro, one_feature
+from tests.support import terms as oracle
 
 WALKER = """
 <mujoco>
@@ -45,7 +55,7 @@ def test_a_urdf_against_the_model(name):
     terms = evaluate(robot, states)
     names = [part.name for part in robot.parts]
     order = [names.index(joint) for joint in model.joint_names]
-    found = lengths(robot, states)
+    found = dict(zip((c.name for c in robot.cables), terms.lengths.T, strict=True))
     for k in range(3):
         q = np.array([q[k, 0] for q in states.q])[order]
         state = model.state(q, states.v[k][order])
@@ -57,32 +67,6 @@ def test_a_urdf_against_the_model(name):
         ]
         for expected, got in pairs:
             np.testing.assert_allclose(got, expected, atol=1e-12 * np.abs(expected).max())
-
-
-def test_an_mjcf_against_mujoco(tmp_path):
-    path = tmp_path / "walker.xml"
-    path.write_text(WALKER)
-    model, robot = compile_mjcf(read_mjcf(path)), neutral(path)
-    assert [part.kind for part in robot.parts] == ["free", "hinge", "slide"]
-    assert robot.parts[1].lower == pytest.approx(np.radians(-40))
-    model.opt.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-    data = mujoco.MjData(model)
-    states = random_states(robot, 4, 1)
-    terms = evaluate(robot, states)
-    for k in range(4):
-        quat = np.empty(4)
-        vector = states.q[0][k, 3:]
-        angle = np.linalg.norm(vector)
-        mujoco.mju_axisAngle2Quat(quat, vector / angle, angle)
-        data.qpos[:] = [*states.q[0][k, :3], *quat, states.q[1][k, 0], states.q[2][k, 0]]
-        M = np.empty((model.nv, model.nv))
-        for v, expected in ((states.v[k], terms.bias[k]), (0.0, terms.g[k])):
-            data.qvel[:] = v
-            mujoco.mj_forward(model, data)
-            scale = np.abs(expected).max()
-            np.testing.assert_allclose(data.qfrc_bias, expected, atol=1e-12 * scale)
-        mujoco.mj_fullM(model, data, M)
-        np.testing.assert_allclose(terms.M[k], M, atol=1e-12 * np.abs(M).max())
 
 
 BALL = """
@@ -100,13 +84,90 @@ BALL = """
 """
 
 
+MASSES = """
+<mujoco><worldbody>
+  <body name="held" gravcomp="0.6" pos="0 0 1"><joint name="a" axis="0 1 0" armature="1e-3"/>
+    <inertial pos="0.1 0 0" mass="0.5" diaginertia="1e-3 2e-3 2e-3"/>
+    <site name="s" pos="0.05 0.02 0"/>
+    <body gravcomp="1.5" pos="0.1 0 0">
+      <inertial pos="0 0.1 0" mass="0.2" diaginertia="1e-4 2e-4 2e-4"/></body>
+    <body pos="0.2 0 0"><joint name="b" axis="1 0 0"/><joint name="c" type="slide" axis="0 1 1"/>
+      <inertial pos="0.1 0 0" mass="0.3" diaginertia="1e-3 2e-3 2e-3"/>
+      <site name="t" pos="0 0 0.1"/></body>
+    <body pos="0 0.3 0"><joint name="d"/>
+      <inertial pos="0 0 0.1" mass="0.4" diaginertia="1e-3 2e-3 2e-3"/></body>
+  </body>
+  <site name="u" pos="0.3 0 0.2"/>
+</worldbody>
+<tendon>
+  <spatial name="path" armature="0.3"><site site="u"/><site site="s"/><pulley divisor="3"/>
+    <site site="s"/><site site="t"/></spatial>
+  <fixed name="sum" armature="0.2"><joint joint="b" coef="2"/><joint joint="d" coef="-1"/></fixed>
+</tendon></mujoco>
+"""
+
+
+@pytest.mark.parametrize("text", [WALKER, BALL, MASSES, one_feature.BASE])
+def test_an_mjcf_against_the_users_own_model_and_the_oracle(tmp_path, text):
+    path = tmp_path / "robot.xml"
+    path.write_text(text)
+    model, robot = compile_mjcf(read_mjcf(path)), neutral(path)
+    states = random_states(robot, 4, 1)
+    assert max(misreading(robot, model, states).values()) < 1e-14
+    _as_the_oracle(robot, states)
+
+
+def _as_the_oracle(robot, states):
+    ours, theirs = evaluate(robot, states), oracle.evaluate(robot, states)
+    assert max(relative_errors(ours, theirs).values()) < 1e-13
+    np.testing.assert_allclose(ours.tips, theirs.tips, atol=1e-14)
+    np.testing.assert_allclose(ours.lengths, theirs.lengths, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("mass", "moments"),
+    [(1.0, (1e-3, 1e-3, 9e-3)), (1e-20, (1e-25, 1e-25, 1e-25)), (0.0, (0, 0, 0))],
+)
+def test_inertias_that_mujocos_compiler_refuses_are_measured(tmp_path, mass, moments):
+    """Impossible moments (A + B < C), a negligible mass, none at all."""
+    robot = neutral(micro.write(tmp_path, micro.GRIPPER))
+    for k in range(len(robot.parts)):
+        body = Inertia(mass, np.array([0.1, 0.2, 0.3]), np.diag(moments))
+        changed = replace(robot.parts[k], pieces=(("body", body),), armature=0.0)
+        _as_the_oracle(robot.with_part(k, changed), random_states(robot, 2, 0))
+
+
+def test_a_cable_beside_a_joint_by_less_than_a_micrometre(tmp_path):
+    """MuJoCo takes such a site for the body's frame, unless it is told not to."""
+    path = tmp_path / "robot.xml"
+    path.write_text(MASSES)
+    robot = neutral(path)
+    (cable, *others), (first, point, *rest) = robot.cables, robot.cables[0].path
+    joint = robot.parts[point.part].point
+    beside = replace(cable, path=(first, replace(point, xyz=joint + 3e-7), *rest))
+    _as_the_oracle(replace(robot, cables=(beside, *others)), random_states(robot, 2, 0))
+
+
+def test_a_misread_file_is_an_error(tmp_path):
+    """A mass that is wrong in its tenth digit."""
+    path = tmp_path / "robot.xml"
+    path.write_text(WALKER)
+    side = Side.of(path)
+    part = side.neutral.parts[0]
+    name, piece = part.pieces[0]
+    heavier = ((name, replace(piece, mass=piece.mass * (1 + 1e-10))), *part.pieces[1:])
+    wrong = side.neutral.with_part(0, replace(part, pieces=heavier))
+    side.__dict__["neutral"] = wrong
+    with pytest.raises(UrdfError, match=r"robot.xml: <mujoco>: .* got M \d\.\de-11 apart"):
+        compare(side, "finger")
+
+
 def test_each_file_in_its_own_engine(tmp_path):
     path = tmp_path / "robot.xml"
-    for text in (WALKER, BALL):
-        path.write_text(text)
-        errors = engine_errors(path, samples=3)
-        assert errors.keys() == {"M", "bias", "g"}
-        assert max(errors.values()) < 1e-13
+    path.write_text(WALKER)
+    errors = engine_errors(path, samples=3)
+    assert errors.keys() == set(QUANTITIES)
+    assert max(errors.values()) < 1e-13
     assert max(engine_errors("spirob", samples=3).values()) < 1e-12
     assert engine_errors(micro.write(tmp_path, micro.GRIPPER)) == {}
 
