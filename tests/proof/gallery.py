@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -209,15 +209,14 @@ def _recorded(robot: str, seconds: float, hand: Callable[[Session, float], None]
     """The recording of a session that a hand acts on before each frame."""
     import softdyn
     from softdyn.validation.live.menu import menu_of
+    from softdyn.validation.live.playing import figure_of
     from softdyn.validation.live.session import Session
     from softdyn.view.live.pacing import RATE
     from softdyn.view.live.recording import Recording
-    from softdyn.view.scene import Figure
 
     model = softdyn.load(robot)
     session = Session(model, menu_of(model), "best")
-    figure = replace(Figure.of(model), marks=session.limits.marks)
-    recording = Recording(pickle.dumps(figure), session.columns.replayed, robot)
+    recording = Recording(pickle.dumps(figure_of(session)), session.columns.replayed, robot)
     recording.begin()
     steps = max(1, round(1 / RATE / session.period))
     while session.t < seconds:

@@ -38,12 +38,17 @@ def open_play_page(session: Session, port: int | None = None) -> Channel:
         By default a free one from 7000 on.
     """
     model = session.model
-    figure = replace(Figure.of(model), marks=session.limits.marks)
     return open_live_page(
-        figure.with_scenery(session.surroundings), "play", title=model.bundled or model.name,
+        figure_of(session), "play", title=model.bundled or model.name,
         limits=session.limits, port=port, period=session.period, pull=session.pull,
         estimates=session.estimates,
     )  # fmt: skip
+
+
+def figure_of(session: Session) -> Figure:
+    """The robot of a session with its tasks and the obstacles around it."""
+    figure = replace(Figure.of(session.model), marks=session.limits.marks)
+    return figure.with_scenery(session.surroundings)
 
 
 def period_note(period: float, clock: ClockStatistics) -> str:

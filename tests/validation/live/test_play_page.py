@@ -163,11 +163,11 @@ def test_a_pushed_link_deflects_and_returns(browser):
     start, end = on_screen(browser, at), on_screen(browser, np.array(at) + np.array([0.08, 0, 0]))
     browser.press(start)
     browser.move(end)
-    browser.until("softdyn.arrow.visible")
+    browser.until("softdyn.pull.arrow.visible")
     browser.until(f"Math.abs(softdyn.part(softdyn.last, 'y')[0] - {before[0]}) > 0.004")
     assert " N" in browser.run("document.getElementById('newtons').value")
     browser.lift(end)
-    browser.until("!softdyn.arrow.visible")
+    browser.until("!softdyn.pull.arrow.visible")
     there = f"softdyn.part(softdyn.last, 'y').map((y, i) => y - {before.tolist()}[i])"
     browser.until(f"Math.hypot(...{there}) < 1e-3")
 
