@@ -203,7 +203,7 @@ def test_keys_of_a_rig_that_change_nothing_say_so(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("lagg = 0.01", "rig.toml: lagg: expected one of plant, lag, "),
+        ("lagg = 0.01", "rig.toml: lagg: expected one of plant, sensors, lag, "),
         ("lag = -1.0", "rig.toml: lag: expected a finite number >= 0, got -1.0"),
         ("[plant]\nmas = 2.0", "rig.toml: [plant]: mas: expected one of contacts, "),
     ],
