@@ -332,7 +332,7 @@ MISUSES = [
     ("plant.mass = 0", "plant.mass: expected a finite number > 0, got 0"),
     ("run.timestep = -inf", "run.timestep: expected a number > 0"),
     ("shorter_periods = 0", "shorter_periods: expected a finite number > 0, got 0"),
-    ("rig.dely = 1", "rig.dely: expected one of plant, lag, delay, rate, command,"),
+    ("rig.dely = 1", "rig.dely: expected one of plant, sensors, lag, delay, rate, command,"),
     ("rig.delay = -1", "rig.delay: expected a finite number >= 0, got -1"),
     ("rig.rate = 0", "rig.rate: expected a finite number > 0, got 0"),
     ("rig = 1", "[rig]: expected a table, got 1"),
