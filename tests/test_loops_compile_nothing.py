@@ -35,7 +35,7 @@ def signatures() -> dict[str, int]:
 @pytest.mark.parametrize("name", ["best", *sorted(CONTROLLERS)])
 @pytest.mark.parametrize("which", ["finger", "spirob"])
 def test_a_loop_compiles_nothing_after_its_first_step(which: str, name: str) -> None:
-    """Of a robot with constant moment arms, and of one whose moment arms change."""
+    """The finger has constant moment arms; SpiRob's change with q."""
     model = softdyn.load(which)
     controller = make_controller(name, model)
     tendon = model.robot.tendons[0].name

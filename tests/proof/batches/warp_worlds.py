@@ -24,7 +24,7 @@ AFTER = (20, 200, 400)  # steps
 
 
 def refused(model: mujoco.MjModel) -> str:
-    """What MuJoCo Warp says about a model, empty if it takes it."""
+    """MuJoCo Warp's reason to refuse a model; empty if it takes the model."""
     try:
         mjw.put_model(model)
     except (NotImplementedError, ValueError) as error:
