@@ -9,7 +9,7 @@ from dataclasses import asdict, replace
 from time import perf_counter, sleep
 from typing import Any
 
-from softdyn import InputError, SoftdynError, SoftModel
+from softdyn import InputError, SoftModel
 from softdyn.controllers.safety_filter import with_barriers
 from softdyn.safety import Surroundings
 from softdyn.tasks.task import Task
@@ -94,8 +94,7 @@ def drive(
     """
     clock.begin()
     while not over():
-        if channel.ended:
-            raise SoftdynError("the server of the pages has ended")
+        channel.check()
         began = perf_counter()
         heard = _listen(session, channel)
         if say is not None and session.trace:

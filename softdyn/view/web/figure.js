@@ -577,6 +577,17 @@ function openViewer(pane) {
   return [viewer, stage];
 }
 
+// The websocket to the server of this page; `frame` gets rows of numbers, `news` gets objects.
+function openLink(frame, news) {
+  const scheme = location.protocol == "https:" ? "wss" : "ws";
+  const link = new WebSocket(`${scheme}://${location.host}/live${location.search}`);
+  link.binaryType = "arraybuffer";
+  link.onmessage = ({data}) => {
+    if (typeof data == "string") news(JSON.parse(data)); else frame(new Float32Array(data));
+  };
+  return link;
+}
+
 // Turns the camera so that points (z up) fill a part of the window around a shifted middle.
 function fitCamera(viewer, points, room, shift) {
   const box = new T.Box3().setFromPoints(points), centre = box.getCenter(new T.Vector3());

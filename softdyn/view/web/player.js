@@ -106,7 +106,7 @@ class Player {
     this.select(Number(hash.get("run")) || 0);
     addEventListener("resize", () => { this.frameCamera(); this.drawCurves(); });
     addEventListener("load", () => this.frameCamera());
-    if (scene.live) this.connect();
+    if (scene.live) openLink(values => this.tracks[0].push(values), () => {});
     else if (hash.has("t")) this.seek(Number(hash.get("t")));
     else if (!hash.has("pause")) this.play();
     this.before = performance.now();
@@ -216,7 +216,6 @@ class Player {
       }
       if (track.note) element(list, "li", track.note, "note");
     }
-    this.stateNote = element(list, "li", "", "note");
   }
   buildRows([title, ...rows]) {
     const box = this.find("rows");
@@ -405,22 +404,5 @@ class Player {
     // the middle of the part that card and bar leave free
     const shift = bare ? [0, 0] : [narrow ? 0 : 250 / innerWidth, narrow ? -0.1 : 50 / innerHeight];
     fitCamera(this.viewer, points, room, shift);
-  }
-
-  // -- live ----------------------------------------------------------------------------------
-
-  connect() {
-    const node = this.viewer.scene_tree.find(["softdyn", "<object>"]).object;
-    Object.defineProperty(node, "frames", {set: values => {
-      this.tracks[0].push(values);
-      if (!this.curvesDue) this.curvesDue = setTimeout(() => {
-        this.curvesDue = null;
-        this.drawCurves();
-      }, 500);
-    }});
-    Object.defineProperty(node, "state", {set: text => { this.stateNote.textContent = text; }});
-    this.viewer.connect();
-    // after the server's end the received frames can still be played
-    this.viewer.connection.addEventListener("close", () => this.drawCurves());
   }
 }

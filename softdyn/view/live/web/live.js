@@ -91,13 +91,7 @@ class Live {
   // -- the websocket -----------------------------------------------------------------------
 
   connect() {
-    const scheme = location.protocol == "https:" ? "wss" : "ws";
-    this.link = new WebSocket(`${scheme}://${location.host}/live${location.search}`);
-    this.link.binaryType = "arraybuffer";
-    this.link.onmessage = event => {
-      if (typeof event.data != "string") this.take(new Float32Array(event.data));
-      else this.told(JSON.parse(event.data));
-    };
+    this.link = openLink(frame => this.take(frame), news => this.told(news));
     this.link.onclose = event => {
       this.notice(event.reason || (this.kept ? this.state.notice
         : "the server has ended; the page keeps what it has"));
