@@ -40,7 +40,7 @@ class View:
     """
 
     def __init__(self, model: SoftModel) -> None:
-        self.model, self._figure = check_model(model), Figure.of(model, tasks=True)
+        self.model, self._figure = check_model(model), Figure.with_stated_tasks(model)
         self._server: Channel | None = None
         self._shown = 0
         self.display()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from time import perf_counter, sleep
 from typing import Any
 
@@ -47,7 +47,7 @@ def open_play_page(session: Session, port: int | None = None) -> Channel:
 
 def figure_of(session: Session) -> Figure:
     """The robot of a session with its tasks and the obstacles around it."""
-    figure = replace(Figure.of(session.model), marks=session.limits.marks)
+    figure = Figure.of(session.model, session.limits.marks)
     return figure.with_scenery(session.surroundings)
 
 

@@ -52,7 +52,7 @@ class Explorer:
     """
 
     def __init__(self, model: SoftModel) -> None:
-        self.model, self.columns = model, Columns(model, Figure.of(model, tasks=True).numbers)
+        self.model, self.columns = model, Columns(model, Figure.with_stated_tasks(model).numbers)
         self.q, self.u, self.notice = model.q0, np.zeros(model.nu), ""
         self.rest: Equilibrium | None = None
         self.unstable: Equilibrium | None = None
@@ -119,7 +119,7 @@ def _along(here: Equilibrium, u: np.ndarray) -> Equilibrium | None:
 
 def open_explorer_page(model: SoftModel, port: int | None = None) -> Channel:
     """Serve the page of an explorer until the channel is closed."""
-    figure, title = Figure.of(model, tasks=True), model.bundled or model.name
+    figure, title = Figure.with_stated_tasks(model), model.bundled or model.name
     limits = Limits.of(model, (), figure.size)
     return open_live_page(figure, "explore", title=title, limits=limits, port=port)
 

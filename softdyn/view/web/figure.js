@@ -413,6 +413,14 @@ class Figure {
       mesh.visible = !wireframe;
     }
   }
+  corners() {  // of the boxes around its shapes, in the axes of the group that it is in
+    this.object.updateWorldMatrix(true, true);
+    const home = this.object.parent.matrixWorld.clone().invert(), found = [];
+    for (const {geometry: {boundingBox: {min, max}}, matrixWorld} of this.shapes)
+      for (const x of [min.x, max.x]) for (const y of [min.y, max.y]) for (const z of [min.z, max.z])
+        found.push(new T.Vector3(x, y, z).applyMatrix4(matrixWorld).applyMatrix4(home));
+    return found;
+  }
   sink(depth) {  // behind another robot in the same place, whose equal surfaces would flicker
     this.object.traverse(({material}) => {
       if (material) Object.assign(material,

@@ -360,8 +360,6 @@ class Player {
   frameCamera() {
     if (!this.tracks) return;
     const points = [], home = this.time;
-    this.stage.updateMatrixWorld(true);
-    const scene = this.viewer.scene.matrixWorld.clone().invert();
     for (const track of this.tracks) {
       const size = track.figure.data.size, offset = new T.Vector3(...track.offset);
       const include = (point, margin) => {  // leaves out far points of a diverged run
@@ -371,15 +369,7 @@ class Player {
             .addScaledVector(new T.Vector3(x, y, z), sign * margin * size));
       };
       const vector = xyz => new T.Vector3(...xyz);
-      const robot = () => {  // the corners of all its shapes
-        track.object.updateMatrixWorld(true);
-        for (const shape of track.figure.shapes) {
-          const {min, max} = shape.geometry.boundingBox;
-          for (const x of [min.x, max.x]) for (const y of [min.y, max.y])
-            for (const z of [min.z, max.z]) include(new T.Vector3(x, y, z)
-              .applyMatrix4(shape.matrixWorld).applyMatrix4(scene).sub(offset), 0.02);
-        }
-      };
+      const robot = () => track.figure.corners().forEach(point => include(point, 0.02));
       const {frames} = track, count = frames.length;
       if (!count) robot();
       for (const part of [0, 0.12, 0.3, 0.6, 1]) if (count) {
