@@ -49,8 +49,8 @@ class Hub:
     """All pages, the loop's socket, and the state that the pages show."""
 
     def __init__(
-        self, page: str, token: str, limits: Limits | None, recording: Recording,
-        loop: socket.socket,
+        self, loop: socket.socket, page: str, token: str, limits: Limits | None,
+        recording: Recording,
     ) -> None:  # fmt: skip
         self.page, self.token = page.encode(), token
         self.limits, self.recording = limits, recording
@@ -313,7 +313,7 @@ def main(*descriptors: int) -> None:
     loop, listening = (socket.socket(fileno=descriptor) for descriptor in descriptors)
     for one in (loop, listening):
         one.setblocking(False)
-    asyncio.new_event_loop().run_until_complete(serve(Hub(*given, loop), loop, listening))
+    asyncio.new_event_loop().run_until_complete(serve(Hub(loop, *given), loop, listening))
     os._exit(0)  # a thread may still search equilibria
 
 
