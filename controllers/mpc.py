@@ -40,7 +40,7 @@ from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget, RestT
 from softdyn.controllers.predictive.state_filter import StateFilter
 from softdyn.controllers.predictive.stops import held_joints, stop_stiffness
 from softdyn.controllers.qps.qp import DenseQp, QpProblem
-from softdyn.dynamics.derivatives import tangent_dynamics
+from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.model import check_model
 from softdyn.tasks.task import Task
 from softdyn.toml_table import TomlTable
@@ -50,6 +50,7 @@ DEFAULT_PERIOD = 0.002  # s
 MOVES = 1e-3  # of the tip's most mobile direction: what moves less has no speed of its own
 PATH = 0.1  # s, the horizon on a path that a buckled arm follows, and
 LAGS = 4.0  # of the actuators' lag more
+NO_DISTURBANCE = np.zeros(0)
 SHORTER = 5  # halvings of the horizon where the arm is unstable
 
 # M, K_t, D_t, B; the force, and p and q̇ at the point of linearisation
@@ -181,7 +182,7 @@ class Mpc(GuardedController):
         self._filter = StateFilter(model, self.parameters.memory)
         self.targets = targets
         self._follow = PlanFollower(model, self.actuation.lag)
-        self._model = model
+        self._model, self._balance = model, ForceBalance(model, motors=())
         self._still = np.zeros((KNOTS[-1], model.nv))
         size = len(KNOTS) * model.nu
         self._qp = DenseQp(size, size, guess=True)
@@ -268,7 +269,9 @@ class Mpc(GuardedController):
         if self._filter.noisy:  # noise would enter the matrices, too
             state = model.state(model.integrate(state.q, p), speed)
             p, v = np.zeros(model.nv), state.v
-        K, D = tangent_dynamics(model, state.q, v, acting)
+        # the terms of `tangent_dynamics`
+        terms = self._balance.trusted(state.q, v, np.zeros(model.nv), acting, NO_DISTURBANCE)
+        K, D = terms.by_q, terms.by_v
         stops = stop_stiffness(state, held, by.step)
         linear = state.M, K + np.diag(stops), D, state.B
         force = state.B @ acting - state.h + unmodelled + D @ v

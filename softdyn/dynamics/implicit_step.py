@@ -161,16 +161,17 @@ def _result(
     q: np.ndarray, v: np.ndarray, terms: BalanceTerms, A: np.ndarray, step: float, held: np.ndarray
 ) -> ImplicitStepResult:
     """The step's end with its derivatives."""
+    n = len(v)
     right = np.hstack((-terms.by_q, terms.by_a / step, -terms.by_d))
     if held.any():
-        free, n = held == 0, len(v)
+        free = held == 0
         # a held joint moves with q, and so drives the free ones
-        of_held = np.diag(np.where(free, 0.0, -1.0 / step))
-        right[:, :n] -= A @ of_held
+        of_held = np.where(free, 0.0, -1.0 / step)
+        right[:, :n] -= A * of_held
         inverse = np.zeros((n, n))
-        inverse[np.ix_(free, free)] = np.linalg.inv(A[np.ix_(free, free)])
+        inverse[np.ix_(free, free)] = np.linalg.inv(A[free][:, free])
         by_state = inverse @ right
-        by_state[:, :n] += of_held
+        by_state.flat[:: by_state.shape[1] + 1] += of_held
     else:
         inverse = np.linalg.inv(A)
         by_state = inverse @ right
