@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from softdyn import SoftModel
     from softdyn.description.robot import Robot
     from softdyn.validation import Log
-    from softdyn.view.loopback import Served
+    from softdyn.view.live.channel import Channel
+    from softdyn.view.page import Page
 
 PASSED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 Arguments = argparse.Namespace
@@ -354,17 +355,30 @@ def ends_cleanly() -> Iterator[Callable[[], bool]]:
             signal.signal(number, handler)
 
 
-def offer(page: Served, arguments: Arguments, stream: TextIO | None = None) -> None:
+def offer(channel: Channel, arguments: Arguments, stream: TextIO | None = None) -> None:
     """Print the address of a served page, and open it in the browser unless asked not to."""
-    print(f"{page.url}\nCtrl-C ends it", file=stream, flush=True)
+    print(f"{channel.url}\nCtrl-C ends it", file=stream, flush=True)
     if not arguments.no_open:
-        page.open()
+        channel.open()
 
 
-def serve_until(over: Callable[[], bool]) -> None:
-    """Wait until the command is ended."""
-    while not over():
-        time.sleep(0.2)
+def serve(
+    page: Page, arguments: Arguments, over: Callable[[], bool], stream: TextIO | None = None
+) -> None:
+    """Serve a page until the command is ended.
+
+    Raises
+    ------
+    SoftdynError
+        If the server has ended before.
+    """
+    from softdyn.view.live.channel import Channel
+
+    with Channel(page.html(), port=arguments.port) as channel:
+        offer(channel, arguments, stream)
+        while not over():
+            channel.check()
+            time.sleep(0.2)
 
 
 def write_report(report: dict[str, Any], target: str | None, summary: str) -> None:

@@ -99,11 +99,8 @@ def show(result: Comparison, a: Side, b: Side, arguments: cli.Arguments) -> None
     if arguments.html is not None:
         page.save(arguments.html)
     if arguments.view:
-        from softdyn.view.server import Viewer
-
-        with cli.ends_cleanly() as over, Viewer(page, arguments.port) as viewer:
-            cli.offer(viewer, arguments, sys.stderr)
-            cli.serve_until(over)
+        with cli.ends_cleanly() as over:
+            cli.serve(page, arguments, over, sys.stderr)
 
 
 def engines(

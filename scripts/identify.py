@@ -148,6 +148,7 @@ def command(arguments: cli.Arguments) -> int:
     options: dict[str, Any] = {
         "hold_out": 0.0 if arguments.test else arguments.hold_out,
         "step": arguments.step or math.inf, "acquisition": acquisition,
+        "progress": True,
     }  # fmt: skip
     found = identification.identify(model, data, unknowns, **options)
     again: dict[str, Any] = {"static": True, "relabel": arguments.relabel, "camera": found.camera}

@@ -51,11 +51,7 @@ def command(arguments: cli.Arguments) -> int:
             page.save(arguments.html)
             print(arguments.html)
             return cli.PASSED
-        from softdyn.view.server import Viewer
-
-        with Viewer(page, arguments.port) as viewer:
-            cli.offer(viewer, arguments)
-            cli.serve_until(over)
+        cli.serve(page, arguments, over)
     return cli.PASSED
 
 

@@ -30,8 +30,7 @@ from softdyn import (
 )
 from softdyn.copies import Frozen
 from softdyn.validation import Log, paper, simulate
-from softdyn.view.rest_sweep import rest_page
-from softdyn.view.server import Viewer
+from softdyn.view.live.channel import Channel
 from tests.support import PATIENCE
 from tests.support.control_cases import drawn, robot
 from tests.support.held import LAWS, Uses, objects
@@ -206,10 +205,10 @@ def test_one_model_in_many_threads():
 @every_copy
 def test_what_cannot_be_copied_says_so(duplicate):
     with (
-        Viewer(rest_page(robot("finger"))) as viewer,
-        pytest.raises(TypeError, match=r"Viewer|live"),
+        Channel("<p>a page</p>") as channel,
+        pytest.raises(TypeError, match=r"Channel|live"),
     ):
-        duplicate(viewer)
+        duplicate(channel)
 
 
 def test_a_saved_log_is_the_log(tmp_path, held):

@@ -51,6 +51,16 @@ def test_a_closed_loop_needs_no_mjcf_reader_and_no_figures():
     assert rooms.isdisjoint({"mjcf", "report", "studies", "live"})
 
 
+def test_a_sweep_and_its_figure_need_no_statistics_of_scipy():
+    """Their import takes a tenth of the time of a sweep of short cases."""
+    modules = loaded(
+        "from softdyn.validation.studies import sweep_file, sweep_report\n"
+        "from softdyn.validation.report import sweep_figure"
+    )
+    assert "matplotlib" in modules
+    assert "scipy.stats" not in modules
+
+
 @pytest.mark.parametrize("statements", [
     "from softdyn.controllers import SoftIdClfQp\nlaw = SoftIdClfQp(model)\n"
     "law(model.state(model.q0, [0] * 4), softdyn.SetPoint([0.1, 0, -0.1]))",

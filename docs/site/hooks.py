@@ -14,6 +14,9 @@ from softdyn.commands.__main__ import COMMANDS, spelt
 # as pymdownx.arithmatex marks them
 NAMES = re.compile(r"^\*Names of `([\w.]+)`:\* (.+)$", re.M)  # in api.md
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.S)
+# a block; a tag, or an option or negative number, which a wrapped line must not break at its hyphen
+BLOCK = re.compile(r"<pre.*?</pre>", re.S)
+HYPHENED = re.compile(r"(<[^>]*>)|(?<![\w-])(--?\w[\w.-]*)")
 TAG = re.compile(r"\\tag\{(\w+)\}")
 # under their operator in a displayed formula
 LIMITS = {"min", "max", "\u2211"}  # Σ
@@ -56,11 +59,19 @@ def docstrings(module: str, names: str) -> str:
 
 
 def on_page_content(content: str, **_) -> str:
-    """Replace formulas by MathML, which browsers draw without a script; let stills play."""
+    """Replace formulas by MathML, which browsers draw without a script; let stills play.
+
+    Options in blocks are kept in one piece.
+    """
     content = STILL.sub(
         r'<a class="still" href="gallery/\1.html" onclick="' + PLAY + r'">\g<0></a>', content
     )
+    content = BLOCK.sub(lambda block: HYPHENED.sub(_whole, block[0]), content)
     return FORMULA.sub(lambda found: formula(html.unescape(found[2]), found[1] == "div"), content)
+
+
+def _whole(found: re.Match[str]) -> str:
+    return found[1] or f'<span class="whole">{found[2]}</span>'
 
 
 def commands() -> str:

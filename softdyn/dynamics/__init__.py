@@ -16,6 +16,6 @@
 - `stops`: joint limits: which joints they hold, and the steps that they allow;
 - `winches`: the input of a motor that commands a cable's free length, and its inverse;
 - `derivatives`: those of accelerations; tangent and gravity stiffness;
-- `text`: the text that ``print`` shows of a model or a State;
+- `text`: the lines that ``print`` shows of a model or a State;
 - `integrators`: one time step, Runge–Kutta or with implicit damping.
 """

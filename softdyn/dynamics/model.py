@@ -90,7 +90,10 @@ class SoftModel(Protocol):
         return f"<softdyn model of {self.name!r}: nq {self.nq}, nv {self.nv}, nu {self.nu}>"
 
     def __str__(self) -> str:
-        return text.model_text(self)
+        robot, bundled = self.robot, " (bundled)" if self.bundled else ""
+        lines = (*text.joint_lines(robot), *text.input_lines(robot), *text.rig_lines(robot))
+        head = text.head(self.name, robot, self.nv)
+        return "\n  ".join((head, f"file    {robot.path}{bundled}", *lines))
 
     def state(self, q: np.ndarray, v: np.ndarray) -> State:
         """Every term of the dynamics at (q, v).
@@ -325,7 +328,15 @@ class State:
         return f"<State of {self.model.name!r}: tip at {' '.join(f'{x:.4f}' for x in self.y)} m>"
 
     def __str__(self) -> str:
-        return text.state_text(self)
+        model, at = self.model, text.numbers(self.y)
+        speed = float(np.linalg.norm(self.ydot))
+        moves = f"moving at {speed:.4g} m/s" if self.v.any() else "at rest"
+        coordinates = model.coordinates(self.q)
+        return "\n  ".join((
+            f"State of {model.name}: tip at {at} m, {moves}",
+            *text.coordinate_lines(model.robot, model.joint_names, coordinates, self.v),
+            *text.length_lines(model.robot, self.lengths),
+        ))  # fmt: skip
 
     @staticmethod
     def trusted(**terms: Any) -> State:

@@ -1,41 +1,25 @@
-"""The text of a model or a State, which ``print`` shows. It solves no equation."""
+"""The lines that ``print`` shows of a model or a State. They solve no equation."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softdyn.description.rig import Actuator, CommandKind
 from softdyn.description.robot import Robot, sliding
 
-if TYPE_CHECKING:
-    from softdyn.dynamics.model import SoftModel, State
-
 LISTED = 12  # most joints or inputs that get a line each
 
 
-def model_text(model: SoftModel) -> str:
-    """A few lines: sizes, file, joints, inputs, rig."""
-    robot = model.robot
-    return "\n".join((
-        head(model),
-        f"  file    {robot.path}{' (bundled)' if model.bundled else ''}",
-        *(f"  {line}" for line in joint_lines(robot)),
-        *(f"  {line}" for line in (*_input_lines(robot), *rig_lines(robot))),
-    ))  # fmt: skip
-
-
-def head(model: SoftModel) -> str:
-    """Name and sizes on one line."""
-    robot = model.robot
+def head(name: str, robot: Robot, nv: int) -> str:
+    """Name and sizes of a model with nv degrees of freedom, on one line."""
     mass = sum(link.inertia.mass for link in robot.links)
     return (
-        f"{model.name}: {len(robot.links)} links, {model.nv} degrees of freedom, "
-        f"{model.nu} inputs, {mass:.4g} kg, "
+        f"{name}: {len(robot.links)} links, {nv} degrees of freedom, "
+        f"{len(robot.actuators)} inputs, {mass:.4g} kg, "
         f"{robot.length:.4g} m from base to tip {robot.task!r}"
     )
 
@@ -62,32 +46,29 @@ def joint_lines(robot: Robot) -> Iterator[str]:
         )
 
 
-def state_text(state: State) -> str:
-    """Joints, tip and tendons at a State."""
-    model = state.model
-    q, speed = model.coordinates(state.q), float(np.linalg.norm(state.ydot))
-    lines = [
-        f"State of {model.name}: tip at {numbers(state.y)} m, "
-        + (f"moving at {speed:.4g} m/s" if state.v.any() else "at rest"),
-    ]
-    units = _units(model)
-    rows = range(model.nv) if model.nv <= LISTED else [int(np.argmax(np.abs(q)))]
-    if len(rows) < model.nv:
-        lines.append(f"  {model.nv} joints, the farthest from 0:")
-    for j in rows:
-        degrees = f" ({math.degrees(q[j]):.4g}°)" if units[j] == "rad" else ""
-        lines.append(
-            f"  {model.joint_names[j]:<22} {q[j]:.4g} {units[j]}{degrees}, "
-            f"{state.v[j]:.4g} {units[j]}/s"
-        )
-    if len(rows) < model.nv:
-        j = int(np.argmax(np.abs(state.v)))
-        lines.append(f"  fastest: {model.joint_names[j]}, {state.v[j]:.4g} {units[j]}/s")
-    tendons = zip(model.robot.tendons, state.lengths, strict=True)
-    shown = [f"{tendon.name} {length:.4g}" for tendon, length in tendons]
+def coordinate_lines(
+    robot: Robot, names: Sequence[str], coordinates: np.ndarray, v: np.ndarray
+) -> Iterator[str]:
+    """Coordinates (n,) and velocities (n,) of the joints of these names; of many, two extremes."""
+    units = _units(robot, names)
+    few = len(names) <= LISTED
+    if not few:
+        yield f"{len(names)} joints, the farthest from 0:"
+    for j in range(len(names)) if few else [int(np.argmax(np.abs(coordinates)))]:
+        q = coordinates[j]
+        degrees = f" ({math.degrees(q):.4g}°)" if units[j] == "rad" else ""
+        yield f"{names[j]:<22} {q:.4g} {units[j]}{degrees}, {v[j]:.4g} {units[j]}/s"
+    if not few:
+        j = int(np.argmax(np.abs(v)))
+        yield f"fastest: {names[j]}, {v[j]:.4g} {units[j]}/s"
+
+
+def length_lines(robot: Robot, lengths: np.ndarray) -> Iterator[str]:
+    """The lengths (tendons,) of the tendons on one line, if there are any."""
+    pairs = zip(robot.tendons, lengths, strict=True)
+    shown = [f"{tendon.name} {length:.4g}" for tendon, length in pairs]
     if shown:
-        lines.append(f"  tendon lengths: {short(shown)}")
-    return "\n".join(lines)
+        yield f"tendon lengths: {short(shown)}"
 
 
 def numbers(values: np.ndarray) -> str:
@@ -100,12 +81,13 @@ def short(texts: Sequence[str]) -> str:
     return ", ".join(texts if len(texts) <= LISTED else [*texts[:3], "…", texts[-1]])
 
 
-def _units(model: SoftModel) -> list[str]:
-    units = ["m" if slides else "rad" for slides in sliding(model.robot, model.joint_names)]
-    return ["m"] * 3 + units[3:] if model.robot.floating else units
+def _units(robot: Robot, names: Sequence[str]) -> list[str]:
+    units = ["m" if slides else "rad" for slides in sliding(robot, names)]
+    return ["m"] * 3 + units[3:] if robot.floating else units
 
 
-def _input_lines(robot: Robot) -> Iterator[str]:
+def input_lines(robot: Robot) -> Iterator[str]:
+    """The number of inputs, and a line for each, or for some if there are many."""
     actuators = robot.actuators
     if not actuators:
         yield "inputs: none"

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.stats import chi2
+from tqdm.auto import tqdm
 
 from softdyn.checks import array, instance, instances, number
 from softdyn.dynamics.model import SoftModel, check_model
@@ -22,7 +23,7 @@ from softdyn.identification.intervals import (
     widening,
 )
 from softdyn.identification.parameters import Parameter, distinct, with_values
-from softdyn.identification.problem import PLAIN, Acquisition, Fit, FitProblem
+from softdyn.identification.problem import PLAIN, Acquisition, Fit, FitProblem, idle
 from softdyn.identification.result import Estimate, Identified, distance, rms
 from softdyn.identification.static_fit import StaticFit
 
@@ -38,6 +39,7 @@ def identify(
     hold_out: float = 0.2,
     step: float = np.inf,
     acquisition: Acquisition = PLAIN,
+    progress: bool = False,
 ) -> Identified:
     """Parameters of the model from measurements, by the output-error method.
 
@@ -66,12 +68,15 @@ def identify(
         Longest step (s) of the simulation; the samples' own by default.
     acquisition : Acquisition
         Whether the data are static, and how markers were seen.
+    progress : bool
+        Show a bar in a terminal, with the numbers of unknowns, rows and simulations so far.
 
     Raises
     ------
     InputError
         For no unknowns, a member in two of them, a floating base or mimic joints, data of another
-        robot, inputs beyond the file's bounds, and a step that is not positive.
+        robot, inputs beyond the file's bounds, a step that is not positive, and data that show none
+        of the unknowns.
     TrajectoryError
         No simulation near the first guess.
     """
@@ -86,11 +91,16 @@ def identify(
     data = kind.cleaned(model, data)
     keep, left_out = kind.parts(data, hold_out)
     whole = kind.of(model, data.rows(keep), unknowns, _positive(step), acquisition)
-    found = fit(whole)
-    for _ in range(CUTS):
-        if (shorter := whole.shorter(found)) is None:
-            break
-        found = fit(shorter)
+    text = f"{len(unknowns)} unknowns, {len(keep)} rows"
+    off = None if progress else True  # None: in a terminal only
+    with tqdm(desc=text, disable=off, leave=False, unit=" simulations") as bar:
+        whole = replace(whole, tick=bar.update)
+        found = fit(whole)
+        for _ in range(CUTS):
+            if (shorter := whole.shorter(found)) is None:
+                break
+            found = fit(shorter)
+    found = replace(found, problem=replace(found.problem, tick=idle))
     problem, theta, noise = found.problem, found.theta, found.noise
     residuals = problem.residuals(found.simulated)
     samples = np.isfinite(residuals).sum(0)
@@ -165,7 +175,7 @@ def fit(problem: FitProblem) -> Fit:
         If the first guess cannot be simulated.
     """
     theta, firsts, noise = instance("problem", problem, FitProblem, "a FitProblem").starting_point()
-    texts: list[str] = []
+    asked, texts = len(problem.unknowns), list[str]()
     for _ in range(ROUNDS + len(theta)):
         theta, firsts, simulated = problem.solved(theta, firsts, noise)
         before, noise = noise, problem.noise(theta, simulated, noise)
@@ -175,7 +185,12 @@ def fit(problem: FitProblem) -> Fit:
             unknowns = tuple(p for k, p in enumerate(problem.unknowns) if k not in drop)
             theta = np.delete(theta, sorted(drop))
             if not unknowns:
-                raise InputError("data", "motion that identifies a parameter", "; ".join(texts))
+                some = "; ".join(texts[:3]) + ("; …" if len(texts) > 3 else "")
+                raise InputError(
+                    "data", "motion that shows some of the unknowns; try fewer of them, such as"
+                    " --shared stiffness",
+                    f"none of {asked} ({some})",
+                )  # fmt: skip
             problem = replace(problem, unknowns=unknowns)
         elif (np.abs(noise / before - 1) < 0.1).all():
             break

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -58,6 +58,10 @@ class Acquisition:
 PLAIN = Acquisition()
 
 
+def idle() -> None:
+    """Show no bar."""
+
+
 @dataclass(frozen=True, eq=False)
 class FitProblem(ABC):
     """The data of a fit's residuals, without the values of its unknowns.
@@ -72,6 +76,8 @@ class FitProblem(ABC):
         Stretches of samples that are simulated.
     acquisition : Acquisition
         How the data were taken.
+    tick : callable
+        Called before each simulation with derivatives, for a bar.
     """
 
     base: SoftModel
@@ -79,6 +85,7 @@ class FitProblem(ABC):
     data: Measurements
     runs: tuple[Run, ...]
     acquisition: Acquisition
+    tick: Callable[[], object] = field(default=idle, kw_only=True)
 
     # -- what the two kinds do in their own way ----------------------------------------------------
 
@@ -130,6 +137,7 @@ class FitProblem(ABC):
 
     def simulated(self, theta: np.ndarray, firsts: Sequence[np.ndarray]) -> list[Simulated]:
         """Outputs of each run and their derivatives by θ and by the run's first state."""
+        self.tick()
         model, count, found = with_values(self.base, self.unknowns, theta), len(theta), []
         around = Around(self.base, neighbours_of(self.base, self.unknowns, theta))
         for run, first in zip(self.runs, firsts, strict=True):

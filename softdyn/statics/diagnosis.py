@@ -173,7 +173,7 @@ class Diagnosis:
         count = len(self.doubts)
         well = "nothing looks wrong" if self.equilibrium else "no number looks wrong"
         return "\n".join((
-            head(self.model),
+            head(self.model.name, self.model.robot, self.model.nv),
             "", *joint_lines(self.model.robot),
             "", *self._tendon_lines(), *rig_lines(self.model.robot),
             "", *self._static_lines(),

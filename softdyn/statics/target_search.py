@@ -156,8 +156,8 @@ def inputs_for_tip(
     shapes : int
         Number of random shapes to start from.
     rays : int
-        Number of random inputs for sampled equilibria, see `sample_rests`. They are starts if no
-        other leads to a stable equilibrium at the target.
+        Number of random inputs for sampled equilibria, see `sample_rests`. They are starts
+        until one of them leads to a stable equilibrium at the target.
     seed : int
         Seed of the shapes and inputs.
     seconds : float
@@ -185,7 +185,7 @@ def inputs_for_tip(
     search = _Search(problem, (start, *given), *numbers, latest, pairs)
     search.run(chain(
         search.branches(), search.free_branches(), search.explored(), search.beside_saddles(),
-        search.unless_held(search.sampled_branches, search.kicks) if rays else (),
+        *((search.samples_too(), search.unless_held(search.kicks)) if rays else ()),
     ))  # fmt: skip
     return TipSearch(target, distinct(sorted(search.ends, key=search.order)), search.timed_out)
 
@@ -346,6 +346,15 @@ class _Search:
     def sampled_branches(self) -> Iterator[Attempt]:
         """Branches of the nearest sampled equilibria."""
         return (self._branch(one, one.stable) for one in self.samples[:TRIED])
+
+    def samples_too(self) -> Iterator[Attempt]:
+        """The same until one of these ends holds the target, whether another does or not.
+
+        Inputs that rise slowly lead to a sample, so the robot gets to such an end by itself.
+        """
+        before, self.held = self.held, False
+        yield from self.unless_held(self.sampled_branches)
+        self.held = self.held or before
 
     def kicks(self) -> Iterator[Attempt]:
         """Branches of stable equilibria under other inputs, beside the nearest stable ends."""

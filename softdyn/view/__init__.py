@@ -16,10 +16,8 @@ page
     One HTML page of robots in motion, replayed or live.
 loopback
     A socket on this machine, and the test that a request comes from this machine.
-server
-    Serves a page on loopback; the only file that imports Meshcat.
 web
     The browser's part: page, style, player.
 live
-    The page and the server of a robot that runs elsewhere; equilibria by slider.
+    The server of every page; the page of a robot that runs elsewhere; equilibria by slider.
 """

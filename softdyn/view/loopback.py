@@ -1,11 +1,8 @@
-"""Rules for every server of pages: it serves this machine only, under this machine's own name."""
+"""Rules for every server: it serves this machine only, under this machine's own name."""
 
 from __future__ import annotations
 
 import socket
-import webbrowser
-from abc import abstractmethod
-from contextlib import AbstractContextManager, suppress
 from typing import Any
 
 from softdyn.exceptions import InputError
@@ -14,24 +11,6 @@ HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")
 PORTS = range(7000, 7100)
 MAX_BODY = 0  # bytes; pages send no body, and Tornado would store one before it is checked
-
-
-class Served(AbstractContextManager):
-    """Serves a page at `url` until it is closed; a context manager."""
-
-    url: str
-
-    @abstractmethod
-    def close(self) -> None:
-        """Stop serving."""
-
-    def __exit__(self, *_error: object) -> None:
-        self.close()
-
-    def open(self) -> None:
-        """Show the page in the user's browser, if there is one."""
-        with suppress(webbrowser.Error):
-            webbrowser.open(self.url, new=2)
 
 
 def is_local(request: Any) -> bool:

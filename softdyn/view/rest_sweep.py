@@ -38,7 +38,7 @@ def rest_page(model: SoftModel) -> Page:
 
     A shape that cannot be shown gives a warning.
     """
-    figure = Figure.of(model, tasks=True)
+    figure = Figure.with_stated_tasks(model)
     for problem in figure.problems:
         warnings.warn(problem, stacklevel=2)
     sweep = rest_sweep(model)

@@ -134,8 +134,8 @@ class Figure:
     marks: tuple[TaskMark, ...] = ()
 
     @classmethod
-    def of(cls, model: SoftModel, tasks: bool = False) -> Figure:
-        """The figure of a robot, on request with the tasks of its file.
+    def of(cls, model: SoftModel, marks: tuple[TaskMark, ...] = ()) -> Figure:
+        """The figure of a robot with these tasks.
 
         Raises
         ------
@@ -146,8 +146,12 @@ class Figure:
         if not shapes:
             shapes = tuple(_sticks(model.robot))
         shapes += tuple(_round_bodies(model.robot))
-        marks = marks_of(tasks_of(model)) if tasks and model.robot.tasks else ()
         return cls(model, shapes, tuple(_cables(model, shapes)), problems, marks=marks)
+
+    @classmethod
+    def with_stated_tasks(cls, model: SoftModel) -> Figure:
+        """The figure of a robot with the tasks that its file states."""
+        return cls.of(model, marks_of(tasks_of(model)) if model.robot.tasks else ())
 
     def with_scenery(
         self, surroundings: Surroundings | None, scenery: Sequence[Visual] = ()

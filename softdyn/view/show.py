@@ -9,6 +9,7 @@ import numpy as np
 
 from softdyn.checks import array
 from softdyn.dynamics.model import SoftModel, check_model
+from softdyn.view.live.channel import PATIENCE, Channel
 from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
 
@@ -39,8 +40,8 @@ class View:
     """
 
     def __init__(self, model: SoftModel) -> None:
-        self.model, self._figure = check_model(model), Figure.of(model, tasks=True)
-        self._server: Any = None
+        self.model, self._figure = check_model(model), Figure.with_stated_tasks(model)
+        self._server: Channel | None = None
         self._shown = 0
         self.display()
 
@@ -68,7 +69,7 @@ class View:
     @property
     def url(self) -> str | None:
         """Address of the live page; None before `open` and after `close`."""
-        return None if self._server is None else str(self._server.url)
+        return None if self._server is None else self._server.url
 
     def save(self, path: str | Path) -> None:
         """Write the page to a file, which needs neither a server nor a network.
@@ -96,10 +97,8 @@ class View:
             If the port is not free or not allowed.
         """
         if self._server is None:
-            from softdyn.view.server import Viewer  # a web server, imported only if needed
-
             none = self._frame(0.0)[:0]
-            self._server = Viewer(self._page(none, live=True), port)
+            self._server = Channel(self._page(none, live=True).html(), port=port)
             self._push()
         if browser:
             self._server.open()
@@ -133,7 +132,7 @@ class View:
         """Send the pose to the live page, a little later on its timeline than the one before."""
         if self._server is not None:
             self._shown += 1
-            self._server.push(self._frame(0.1 * self._shown))
+            self._server.frame(self._frame(0.1 * self._shown), PATIENCE)
 
     def _frame(self, t: float) -> np.ndarray:
         y = self.model.state(self.q, np.zeros(self.model.nv)).y[None]

@@ -10,6 +10,7 @@ from contextlib import suppress
 import pytest
 
 from softdyn.commands import cli
+from softdyn.view.page import Page
 from tests.support import SCRIPTS
 from tests.support.command import command, of_itself
 
@@ -81,7 +82,7 @@ def test_what_swallows_an_end_does_not_keep_a_command_alive():
         with suppress(BaseException):
             signal.raise_signal(signal.SIGTERM)
         reached.append(over())
-        cli.serve_until(over)
+        cli.serve(Page("", (), ()), cli.Arguments(port=None, no_open=True), over)
         reached.append("the end")
     assert reached == [True, "the end"]
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import sys
 import tomllib
 
 import numpy as np
@@ -19,7 +21,7 @@ from softdyn.identification.markers.camera import MarkerView, seen_at
 from softdyn.identification.output_error import problem_of
 from softdyn.identification.outputs import measured_outputs
 from softdyn.identification.parameters import neighbours_of
-from softdyn.identification.problem import Acquisition
+from softdyn.identification.problem import Acquisition, idle
 from softdyn.identification.rests import Inputs, rests
 from softdyn.identification.unknowns.kinds import Around
 
@@ -219,6 +221,24 @@ def test_a_robot_s_stiffness_from_its_markers(tmp_path, capsys):
     assert found.unidentifiable == ("damping, all",)
     for one, truth in zip(found.estimates, np.array([1.2, 0.8, 1.1, 0.9]) * 0.01, strict=False):
         assert one.interval[0] < truth < one.interval[1]
+    dampers = identification.parameters(model, "damping")
+    with pytest.raises(InputError, match=r"none of 4 \(damping joint1; .*; damping joint3; …\)"):
+        identification.identify(model, data, dampers, acquisition=acquisition)
+
+
+def test_a_terminal_shows_how_many_unknowns_are_fitted(monkeypatch, capsys):
+    finger = softdyn.load("finger")
+    names = ("tip.x", "tip.y", "tip.z")
+    u = np.linspace(0, 0.1, 12)[:, None] * finger.u_max
+    tips = [finger.state(statics.settle(finger, one).q, np.zeros(4)).y for one in u]
+    data = Measurements(np.arange(12.0), u, names, np.array(tips))
+    springs = identification.parameters(finger, "stiffness", shared=True)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    found = identification.identify(
+        finger, data, springs, acquisition=Acquisition(static=True), hold_out=0, progress=True
+    )
+    assert re.search(r"1 unknowns, 12 rows: [1-9]\d* simulations", capsys.readouterr().err)
+    assert found.fit.problem.tick is idle  # the bar is gone
 
 
 def test_intervals_allow_errors_that_a_pose_shares():

@@ -233,16 +233,10 @@ def _recorded(robot: str, seconds: float, hand: Callable[[Session, float], None]
 # the corners of all shapes at this moment, the targets and, if asked, the trails: what is in sight
 FIT = """
 (() => {
-  const points = [], home = softdyn.viewer.scene.matrixWorld.clone().invert();
+  const points = [];
   for (const track of softdyn.tracks) {
-    track.object.updateMatrixWorld(true);
-    for (const shape of track.figure.shapes) {
-      const {min, max} = shape.geometry.boundingBox;
-      for (const x of [min.x, max.x]) for (const y of [min.y, max.y])
-        for (const z of [min.z, max.z])
-          points.push(new T.Vector3(x, y, z).applyMatrix4(shape.matrixWorld).applyMatrix4(home));
-    }
     const shift = new T.Vector3(...track.offset);
+    points.push(...track.figure.corners().map(point => point.add(shift)));
     if (track.aims) points.push(track.target.position.clone().add(shift));
     if (track.pull && track.newtons) points.push(track.pull.end.clone().add(shift));
     if (WHOLE) for (const frame of track.frames) for (const back of [6, 3])

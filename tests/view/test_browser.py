@@ -18,9 +18,9 @@ from softdyn.tasks.marks import marks_of, numbers_at, stacked
 from softdyn.validation import Log, paper, simulate
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.pictures.replay import comparison, replay
+from softdyn.view.live.channel import Channel
 from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
-from softdyn.view.server import Viewer
 from tests.support import PATIENCE, ROOT, micro, rigged, winched
 from tests.support.arms import RUBBER, loaded
 from tests.support.browser import Browser, required
@@ -240,8 +240,8 @@ def test_cables_take_the_colour_of_their_tension(browser):
         np.zeros((2, 3)), np.zeros((2, 3)),
     )  # fmt: skip
     page = Page("finger", (Figure.of(model),), (PlayedRun("", (Track(0, rows, "x"),)),), live=True)
-    with Viewer(page) as viewer:
-        browser.open(viewer.url)
+    with Channel(page.html()) as channel:
+        browser.open(channel.url)
         browser.run("(softdyn.following = false, softdyn.seek(0), 1)")
         read = "softdyn.tracks[0].figure.cables.map(c => c.material.color.toArray())"
         (flexor, slack, slack_too, extensor) = browser.run(read)
@@ -263,18 +263,18 @@ def test_the_live_viewer_draws_what_is_pushed(browser):
         state = model.state(q[0], np.zeros(4))
         return frames(model, [t], q, np.zeros((1, 2)), state.y[None], np.array([[0.15, 0, -0.15]]))
 
-    with Viewer(page) as viewer:
-        viewer.push(row(0.0, 0.0))
-        browser.open(viewer.url)
-        assert viewer.wait(PATIENCE)
+    with Channel(page.html()) as channel:
+        channel.frame(row(0.0, 0.0))
+        browser.open(channel.url)
+        assert channel.wait(PATIENCE)
         browser.until("softdyn.tracks[0].frames.length == 1")
         before = browser.pixels("canvas")
         assert changed(before, empty_scene(browser)) > 1500
-        viewer.push(row(0.1, 0.5))
+        channel.frame(row(0.1, 0.5))
         browser.until("softdyn.time > 0.09")
         assert changed(before, browser.pixels("canvas")) > 1000
         hosts = {url.split("/")[2] for url in browser.requests if not url.startswith("data:")}
-        assert hosts == {viewer.url.split("/")[2]}
+        assert hosts == {channel.url.split("/")[2]}
     browser.settle()
     assert browser.console == []
     browser.run(

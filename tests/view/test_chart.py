@@ -52,6 +52,15 @@ def test_numbers_of_an_axis_are_in_few_characters_and_all_different(browser, low
     np.testing.assert_allclose(step, step[0], rtol=1e-6)
 
 
+def test_powers_of_ten_have_no_zeros_behind(browser):
+    """The number of a long wait stood half outside the strip, as 1.000e6."""
+    ticks = "powersOfTen(1000, 2e6)"
+    texts = browser.run(f"{ticks}.map(x => short(x, 9000))")
+    assert [float(text) for text in texts] == browser.run(ticks)
+    assert max(map(len, texts)) <= 4
+    assert browser.run("short(12500, 500)") == "1.25e4"
+
+
 def test_a_slot_keeps_the_extremes_of_its_rows_and_the_oldest_slots_go(browser):
     rng = np.random.default_rng(0)
     t = 0.5 + np.cumsum(rng.exponential(1 / 60, 5000))

@@ -1,7 +1,8 @@
-"""The viewer's server: loopback only, a free port, a clean end, Meshcat's own protocol."""
+"""The server of a page: loopback only, a free port, a clean end, the latest pose."""
 
 from __future__ import annotations
 
+import asyncio
 import importlib
 import json
 import re
@@ -9,31 +10,20 @@ import signal
 import socket
 import subprocess
 import sys
-import urllib.error
+import threading
 import urllib.request
 
 import numpy as np
 import psutil
 import pytest
+from tornado.websocket import websocket_connect
 
 import softdyn
+from softdyn.view.live.channel import Channel
 from softdyn.view.loopback import listener
-from softdyn.view.page import Page, PlayedRun, Track
-from softdyn.view.scene import Figure
-from softdyn.view.server import Viewer
+from softdyn.view.page import Page
 from tests.support import PATIENCE, ROOT
 from tests.support.command import of_itself
-
-
-def blank(model) -> Page:
-    width = 1 + model.nv + model.nu + 6
-    track = Track(0, np.zeros((0, width)), "live")
-    return Page(model.name, (Figure.of(model),), (PlayedRun("", (track,)),), live=True)
-
-
-@pytest.fixture(scope="module")
-def model():
-    return softdyn.load("finger")
 
 
 def listening(pid: int) -> set[str]:
@@ -59,7 +49,10 @@ def test_view_listens_on_loopback_only_and_ends_cleanly():
     """It ends by Ctrl-C; test_browser.py ends it by SIGTERM."""
     process, url = started("finger")
     try:
-        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", url), (url, process.stderr.read())
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=\S+", url), (
+            url,
+            process.stderr.read(),
+        )
         assert listening(process.pid) == {"127.0.0.1"}
         children = psutil.Process(process.pid).children(recursive=True)
         page = urllib.request.urlopen(url).read().decode()
@@ -75,7 +68,7 @@ def test_view_listens_on_loopback_only_and_ends_cleanly():
 
 def test_a_taken_port_is_one_line(monkeypatch, capsys):
     view = importlib.import_module("softdyn.commands.view")
-    monkeypatch.setattr("softdyn.view.rest_sweep.rest_page", blank)
+    monkeypatch.setattr("softdyn.view.rest_sweep.rest_page", lambda model: Page("", (), ()))
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -85,64 +78,69 @@ def test_a_taken_port_is_one_line(monkeypatch, capsys):
     )
 
 
-def test_two_viewers_find_different_ports(model):
+def test_two_pages_find_different_ports():
     with listener(None) as held, listener(None) as other:  # from the moment when one is found
         assert held.getsockname() != other.getsockname()
-    with Viewer(blank(model)) as one, Viewer(blank(model)) as two:
-        assert one.url != two.url
-        assert one.zmq_url != two.zmq_url
+    with Channel("one") as one, Channel("two") as two:
+        for channel, text in ((one, b"one"), (two, b"two")):
+            assert urllib.request.urlopen(channel.url).read() == text
 
 
-def test_another_host_s_name_is_refused(model):
-    with Viewer(blank(model)) as viewer:
-        request = urllib.request.Request(viewer.url, headers={"Host": "example.org"})
-        with pytest.raises(urllib.error.HTTPError, match="403"):
-            urllib.request.urlopen(request)
-        for path in ("static/main.min.js", "static/"):
-            assert urllib.request.urlopen(viewer.url + path).status == 200
+def test_a_view_shows_its_latest_pose_to_a_page_that_comes_late_and_to_one_that_is_open():
+    """The test uses websockets, as browsers do."""
+    model = softdyn.load("finger")
+    view = softdyn.show(model).open(browser=False)
+    server = view._server._process
+
+    async def poses():
+        address = view.url.replace("http", "ws").replace("/?", "/live?")
+        found, links = [], [await websocket_connect(address)]
+        for q in (None, [0.1, 0.2, 0.3, 0.4]):
+            if q is not None:
+                server.send_signal(signal.SIGSTOP)  # it reads nothing for a while
+                while view._server.dropped == 0:
+                    view._server.frame(np.zeros(13))
+                threading.Timer(0.2, server.send_signal, (signal.SIGCONT,)).start()
+                view.display(q, [0.5, -1])
+                links.append(await websocket_connect(address))
+            for link in links:
+                found.append(await pose(link, *view.q, *view.u))
+        return found
+
+    async def pose(link, *expected):
+        row = None
+        while row is None or not np.allclose(row[1:7], expected):
+            got = await asyncio.wait_for(link.read_message(), PATIENCE)
+            row = np.frombuffer(got, "<f4") if isinstance(got, bytes) else None
+        return row
+
+    try:
+        first, open_page, late = asyncio.run(poses())
+    finally:
+        view.close()
+    np.testing.assert_allclose(first[-6:-3], model.state(model.q0, np.zeros(4)).y, atol=1e-6)
+    np.testing.assert_array_equal(open_page, late)
+    assert view.url is None
 
 
-def test_a_late_browser_gets_every_frame_and_meshcat_s_objects(model):
-    """The test uses a websocket, as a browser does."""
-    import asyncio
-
-    import meshcat
-    import umsgpack
-    from tornado.websocket import websocket_connect
-
-    rows = np.arange(3 * (1 + 4 + 2 + 6), dtype=np.float32).reshape(3, -1)
-    with Viewer(blank(model)) as viewer:
-        viewer.push(rows[:2])
-        viewer.say("halfway")
-        meshcat.Visualizer(viewer.zmq_url)["mine"].set_object(meshcat.geometry.Box([1, 1, 1]))
-
-        async def received():
-            link = await websocket_connect(viewer.url.replace("http", "ws"))
-            found = [umsgpack.unpackb(await link.read_message()) for _ in range(3)]
-            viewer.push(rows[2:])
-            found.append(umsgpack.unpackb(await link.read_message()))
-            link.close()
-            return found
-
-        box, first, text, last = asyncio.run(received())
-        assert viewer.wait(60)
-    assert box["path"] == "/meshcat/mine"
-    assert text["value"] == "halfway"
-    got = [np.frombuffer(m["value"].data, "<f4").reshape(-1, rows.shape[1]) for m in (first, last)]
-    np.testing.assert_array_equal(np.concatenate(got), rows)
-    # the kind by which Meshcat sends its own
-    assert first["value"].type == meshcat.geometry.pack_numpy_array(rows)["array"].type
+def test_a_server_that_ends_ends_the_command(monkeypatch, capsys):
+    view = importlib.import_module("softdyn.commands.view")
+    monkeypatch.setattr("softdyn.view.rest_sweep.rest_page", lambda model: Page("", (), ()))
+    monkeypatch.setattr(Channel, "open", lambda channel: channel._process.kill())
+    assert view.main(["finger"]) == 1
+    assert capsys.readouterr().err == "error: the server of the pages has ended\n"
 
 
-def test_closing_is_final(model):
-    before = psutil.Process().num_threads()
-    viewer = Viewer(blank(model))
-    viewer.close()
-    viewer.close()
-    viewer.push(np.zeros(13))
-    assert psutil.Process().num_threads() <= before + 3  # ZMQ keeps its own two
+def test_closing_is_final():
+    channel = Channel("a page")
+    channel.close()
+    channel.close()
+    channel.frame(np.zeros(13), patience=PATIENCE)
+    assert channel.dropped == 1
+    with pytest.raises(softdyn.SoftdynError, match="has ended"):
+        channel.check()
     with socket.socket() as probe:
-        assert probe.connect_ex(("127.0.0.1", int(viewer.url.rstrip("/").rpartition(":")[2])))
+        assert probe.connect_ex(("127.0.0.1", int(channel.url.split(":")[2].split("/")[0])))
 
 
 def test_importing_softdyn_imports_no_viewer():

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from time import perf_counter, sleep
 from typing import Any
 
-from softdyn import InputError, SoftdynError, SoftModel
+from softdyn import InputError, SoftModel
 from softdyn.controllers.safety_filter import with_barriers
 from softdyn.safety import Surroundings
 from softdyn.tasks.task import Task
@@ -47,7 +47,7 @@ def open_play_page(session: Session, port: int | None = None) -> Channel:
 
 def figure_of(session: Session) -> Figure:
     """The robot of a session with its tasks and the obstacles around it."""
-    figure = replace(Figure.of(session.model), marks=session.limits.marks)
+    figure = Figure.of(session.model, session.limits.marks)
     return figure.with_scenery(session.surroundings)
 
 
@@ -94,8 +94,7 @@ def drive(
     """
     clock.begin()
     while not over():
-        if channel.ended:
-            raise SoftdynError("the server of the pages has ended")
+        channel.check()
         began = perf_counter()
         heard = _listen(session, channel)
         if say is not None and session.trace:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from time import perf_counter_ns
 
 import numpy as np
@@ -71,7 +71,7 @@ def open_watch_page(
     model, experiment = loop.model, loop.experiment
     on_ellipse = experiment and (experiment.theta, experiment.omega) != (None, None)
     robot = model.bundled or model.name
-    figure = replace(Figure.of(model), marks=marks_of(tasks_in(loop.controller)))
+    figure = Figure.of(model, marks_of(tasks_in(loop.controller)))
     title = f"{robot}, {controller_title(loop.name)}"
     if loop.plant.settings.get("plant") is not None:
         title += f", in {loop.plant.settings['plant']}"

@@ -1,4 +1,4 @@
-"""The loop's end of its pages: datagrams to and from a server in a separate process.
+"""Serve a page from a separate process: datagrams carry frames to it and messages from it.
 
 A loop never waits for a page: a frame that does not fit in the socket's buffer is dropped and
 counted. The server checks the messages and sends them as pickles; it is a child of this process.
@@ -14,42 +14,39 @@ import select
 import socket
 import subprocess
 import sys
+import webbrowser
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from time import monotonic, sleep
+from typing import Any
 
 import numpy as np
 
 import softdyn
-from softdyn.exceptions import InputError
+from softdyn.exceptions import InputError, SoftdynError
 from softdyn.view.live.messages import LONGEST, Limits, Message
-from softdyn.view.loopback import HOST, Served, listener
-
-if TYPE_CHECKING:
-    from softdyn.view.scene import Figure
+from softdyn.view.live.recording import Recording
+from softdyn.view.loopback import HOST, listener
 
 FRAME, STATE, ERROR = b"F", b"S", b"E"  # kinds of datagrams
 DATAGRAM = 1 << 18  # bytes, more than any datagram has
 AT_ONCE = 8  # messages that a loop reads between two control steps
+AGAIN = 1e-3  # s until the next try of a frame that must not be dropped
 PATIENCE = 30.0  # s until the server must have sent the rest and ended
 
 
-class Channel(Served):
-    """Sends frames and receives messages; it starts the server and ends it on `close`.
+class Channel(AbstractContextManager):
+    """Serves a page at `url` until it is closed: sends it frames and receives its messages.
 
     Parameters
     ----------
     page : str
         The page that the server shows.
-    figure : Figure
-        The robot, for recordings and for the reachable points, which the server computes.
-    replayed : int
-        Number of columns of a frame that a replay shows.
-    title : str
-        Title of recordings.
-    limits : Limits or None
-        Limits of the messages; with None the pages only watch.
+    limits : Limits, optional
+        Limits of the messages; without them the pages only watch.
+    recording : Recording, optional
+        The robot of a page with messages, for recordings and reachable points.
     port : int, optional
         Port of the page; by default a free one from 7000 on.
 
@@ -59,8 +56,6 @@ class Channel(Served):
         Address of the page for browsers on this machine; it contains the token.
     dropped : int
         Number of frames that the server did not take in time.
-    ended : bool
-        Whether the server has ended without `close`.
 
     Raises
     ------
@@ -71,14 +66,11 @@ class Channel(Served):
     def __init__(
         self,
         page: str,
-        figure: Figure,
-        *,
-        replayed: int,
-        title: str,
         limits: Limits | None = None,
+        recording: Recording | None = None,
         port: int | None = None,
     ) -> None:
-        self.dropped, self.ended = 0, False
+        self.dropped = 0
         self._late: dict[bytes, bytes] = {}
         token = secrets.token_urlsafe(16)
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -95,10 +87,7 @@ class Channel(Served):
         )  # fmt: skip
         theirs.close()
         listening.close()
-        given = {
-            "page": page, "figure": pickle.dumps(figure), "replayed": replayed, "title": title,
-            "limits": limits, "token": token,
-        }  # fmt: skip
+        given = (page, token, limits, recording or Recording())
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         with suppress(BrokenPipeError):  # the server died: its answer below says so
@@ -110,16 +99,45 @@ class Channel(Served):
             raise InputError("pages", "a running server process", answer or "one that died")
         self.url = f"http://{HOST}:{found}/?token={token}"
 
+    def __reduce_ex__(self, _protocol: Any) -> str:
+        raise TypeError("a live page cannot be copied: make another Channel of its page")
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def open(self) -> None:
+        """Show the page in the user's browser, if there is one."""
+        with suppress(webbrowser.Error):
+            webbrowser.open(self.url, new=2)
+
+    def check(self) -> None:
+        """Check that the server still runs.
+
+        Raises
+        ------
+        SoftdynError
+            If it has ended.
+        """
+        if self._process.poll() is not None:
+            raise SoftdynError("the server of the pages has ended")
+
     def wait(self, timeout: float) -> bool:
         """Wait for the first page, at most `timeout` (s); return whether one has come."""
         return bool(select.select([self._socket], [], [], timeout)[0])
 
-    def frame(self, row: np.ndarray) -> None:
-        """Send a frame, or drop it if the socket is full."""
-        for kind in tuple(self._late):  # states and errors must not be lost, so they go first
-            if self._send(kind, self._late[kind]):
-                del self._late[kind]
-        self.dropped += not self._send(FRAME, np.asarray(row, "<f4").tobytes())
+    def frame(self, row: np.ndarray, patience: float = 0.0) -> None:
+        """Send a frame; drop it if the socket is still full after `patience` (s)."""
+        content, until = np.asarray(row, "<f4").tobytes(), monotonic() + patience
+        while True:
+            for kind in tuple(self._late):  # states and errors must not be lost, so they go first
+                if self._send(kind, self._late[kind]):
+                    del self._late[kind]
+            if self._send(FRAME, content):
+                return
+            if self._process.poll() is not None or monotonic() >= until:
+                self.dropped += 1
+                return
+            sleep(AGAIN)
 
     def state(self, shown: dict[str, Any]) -> None:
         """Send what has changed: at once, or if that fails with the next frame."""
@@ -172,9 +190,6 @@ class Channel(Served):
     def _send(self, kind: bytes, content: bytes) -> bool:
         try:
             self._socket.send(kind + content)
-        except (ConnectionError, BrokenPipeError):
-            self.ended = True
-            return False
-        except OSError:  # the socket is full or closed
+        except OSError:  # the socket is full or closed, or the server has ended
             return False
         return True

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from time import monotonic, sleep
+from time import sleep
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from softdyn.statics import Equilibrium
 from softdyn.statics.branch import follow
 from softdyn.statics.equilibria import ramp
 from softdyn.view.live import messages
-from softdyn.view.live.channel import Channel
+from softdyn.view.live.channel import PATIENCE, Channel
 from softdyn.view.live.frames import Columns
 from softdyn.view.live.messages import Limits, Message
 from softdyn.view.live.pacing import IDLE
@@ -29,7 +29,6 @@ from softdyn.view.live.page import open_live_page
 from softdyn.view.scene import Figure
 
 PARTS = 4  # steps along the branch for one move of the sliders
-OFTEN = 0.25  # s between two frames while no slider moves
 
 
 class Explorer:
@@ -53,7 +52,7 @@ class Explorer:
     """
 
     def __init__(self, model: SoftModel) -> None:
-        self.model, self.columns = model, Columns(model, Figure.of(model, tasks=True).numbers)
+        self.model, self.columns = model, Columns(model, Figure.with_stated_tasks(model).numbers)
         self.q, self.u, self.notice = model.q0, np.zeros(model.nu), ""
         self.rest: Equilibrium | None = None
         self.unstable: Equilibrium | None = None
@@ -120,17 +119,17 @@ def _along(here: Equilibrium, u: np.ndarray) -> Equilibrium | None:
 
 def open_explorer_page(model: SoftModel, port: int | None = None) -> Channel:
     """Serve the page of an explorer until the channel is closed."""
-    figure, title = Figure.of(model, tasks=True), model.bundled or model.name
+    figure, title = Figure.with_stated_tasks(model), model.bundled or model.name
     limits = Limits.of(model, (), figure.size)
     return open_live_page(figure, "explore", title=title, limits=limits, port=port)
 
 
 def explore(model: SoftModel, channel: Channel, over: Callable[[], bool] = lambda: False) -> None:
     """Carry out the messages of an explorer's pages until `over()`, called many times a second."""
-    explorer, next_frame = Explorer(model), 0.0
+    explorer = Explorer(model)
+    channel.frame(explorer.frame())
     while not over():
-        if channel.ended:
-            raise SoftdynError("the server of the pages has ended")
+        channel.check()
         said = tuple(channel.messages())
         for i, message in enumerate(said):
             if i + 1 < len(said) and type(said[i + 1]) is type(message):
@@ -141,7 +140,5 @@ def explore(model: SoftModel, channel: Channel, over: Callable[[], bool] = lambd
                 channel.error(str(error))
         if said:
             channel.state({"notice": explorer.notice})
-        if said or monotonic() > next_frame:  # a new page waits for its first frame
-            channel.frame(explorer.frame())
-            next_frame = monotonic() + OFTEN
+            channel.frame(explorer.frame(), PATIENCE)
         sleep(IDLE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from functools import partial
 
 import numpy as np
@@ -10,6 +11,7 @@ from softdyn.description.robot import input_unit
 from softdyn.view.live.channel import Channel
 from softdyn.view.live.frames import Columns
 from softdyn.view.live.messages import OPEN_LOOP, Limits
+from softdyn.view.live.recording import Recording
 from softdyn.view.page import asset, scene_page
 from softdyn.view.scene import TENSION, Figure
 
@@ -69,5 +71,5 @@ def open_live_page(
     parts = (*shared, own("handle.js"), own("live.js"))
     style = asset("style.css") + own("live.css")
     page = scene_page(own("live.html"), style, "\n</script>\n<script>\n".join(parts), scene)
-    replayed = columns.replayed
-    return Channel(page, figure, replayed=replayed, title=title, limits=limits, port=port)
+    recording = Recording(pickle.dumps(figure), columns.replayed, title)
+    return Channel(page, limits, recording, port)

@@ -35,7 +35,7 @@ class Recording:
         Title of the page.
     """
 
-    def __init__(self, figure: bytes, replayed: int, title: str) -> None:
+    def __init__(self, figure: bytes = b"", replayed: int = 0, title: str = "") -> None:
         self._pickled, self._replayed, self._title = figure, replayed, title
         self._rows: list[np.ndarray] = []
         self._done: np.ndarray | None = None

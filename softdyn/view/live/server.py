@@ -1,4 +1,4 @@
-"""The server of a live robot: one page commands, and others may watch.
+"""The server of every page: one page of a live robot commands, and others may watch.
 
 It is a separate program (``python -m softdyn.view.live.server``), which `channel.Channel` starts.
 Everything is on loopback. A request needs the token of the page's address; its Host header must
@@ -48,13 +48,16 @@ FAREWELL = 10.0  # s for the pages to receive the rest
 class Hub:
     """All pages, the loop's socket, and the state that the pages show."""
 
-    def __init__(self, given: dict[str, Any], loop: socket.socket) -> None:
-        self.page, self.token = given["page"].encode(), given["token"]
-        self.limits: Limits | None = given["limits"]
-        self.recording = Recording(given["figure"], given["replayed"], given["title"])
+    def __init__(
+        self, loop: socket.socket, page: str, token: str, limits: Limits | None,
+        recording: Recording,
+    ) -> None:  # fmt: skip
+        self.page, self.token = page.encode(), token
+        self.limits, self.recording = limits, recording
         self.pages: list[PageSocket] = []
         self._loop, self._inbox = loop, Inbox(loop)
         self._state: dict[str, Any] = {}
+        self._frame = b""  # the latest
         self._reach: asyncio.Task | None = None
         self._points: list = []
         self._greeted = False
@@ -70,6 +73,7 @@ class Hub:
                 return
             kind, content = data[:1], data[1:]
             if kind == FRAME:
+                self._frame = content
                 for page in self.pages:
                     page.frame(content)
                 if self.recording.add(content):
@@ -98,6 +102,8 @@ class Hub:
         self.notify()
         if self._points:
             page.say({"reach": self._points})
+        if self._frame:
+            page.frame(self._frame)
 
     def left(self, page: PageSocket) -> None:
         """Remove a page; if it commanded, its push ends and the next page commands."""
@@ -282,9 +288,8 @@ class PageSocket(tornado.websocket.WebSocketHandler, Checked):
             self._next()
 
 
-async def serve(given: dict[str, Any], loop: socket.socket, listening: socket.socket) -> None:
+async def serve(hub: Hub, loop: socket.socket, listening: socket.socket) -> None:
     """Serve until standard input ends; its text is the final page for the open pages."""
-    hub = Hub(given, loop)
     routes = {"/": Root, "/live": PageSocket, "/record.html": Recorded}
     application = tornado.web.Application(
         [(path, handler, {"hub": hub}) for path, handler in routes.items()],
@@ -308,7 +313,7 @@ def main(*descriptors: int) -> None:
     loop, listening = (socket.socket(fileno=descriptor) for descriptor in descriptors)
     for one in (loop, listening):
         one.setblocking(False)
-    asyncio.new_event_loop().run_until_complete(serve(given, loop, listening))
+    asyncio.new_event_loop().run_until_complete(serve(Hub(loop, *given), loop, listening))
     os._exit(0)  # a thread may still search equilibria
 
 

@@ -128,7 +128,7 @@ function short(x, step) {
   if (x == 0) return "0";
   const size = Math.floor(Math.log10(Math.abs(x)) + 1e-9);
   const digits = Math.max(0, Math.min(size - Math.floor(Math.log10(step) + 1e-9), 15));
-  if (size >= 4 || size < -2) return x.toExponential(digits).replace("e+", "e");
+  if (size >= 4 || size < -2) return x.toExponential(digits).split("e").map(Number).join("e");
   return String(Number(x.toPrecision(Math.max(3, digits + 1))));
 }
 

@@ -413,6 +413,14 @@ class Figure {
       mesh.visible = !wireframe;
     }
   }
+  corners() {  // of the boxes around its shapes, in the axes of the group that it is in
+    this.object.updateWorldMatrix(true, true);
+    const home = this.object.parent.matrixWorld.clone().invert(), found = [];
+    for (const {geometry: {boundingBox: {min, max}}, matrixWorld} of this.shapes)
+      for (const x of [min.x, max.x]) for (const y of [min.y, max.y]) for (const z of [min.z, max.z])
+        found.push(new T.Vector3(x, y, z).applyMatrix4(matrixWorld).applyMatrix4(home));
+    return found;
+  }
   sink(depth) {  // behind another robot in the same place, whose equal surfaces would flicker
     this.object.traverse(({material}) => {
       if (material) Object.assign(material,
@@ -575,6 +583,17 @@ function openViewer(pane) {
   set(["Axes"], "visible", false);
   viewer.set_object(["softdyn"], stage);
   return [viewer, stage];
+}
+
+// The websocket to the server of this page; `frame` gets rows of numbers, `news` gets objects.
+function openLink(frame, news) {
+  const scheme = location.protocol == "https:" ? "wss" : "ws";
+  const link = new WebSocket(`${scheme}://${location.host}/live${location.search}`);
+  link.binaryType = "arraybuffer";
+  link.onmessage = ({data}) => {
+    if (typeof data == "string") news(JSON.parse(data)); else frame(new Float32Array(data));
+  };
+  return link;
 }
 
 // Turns the camera so that points (z up) fill a part of the window around a shifted middle.

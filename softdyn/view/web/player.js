@@ -106,7 +106,7 @@ class Player {
     this.select(Number(hash.get("run")) || 0);
     addEventListener("resize", () => { this.frameCamera(); this.drawCurves(); });
     addEventListener("load", () => this.frameCamera());
-    if (scene.live) this.connect();
+    if (scene.live) openLink(values => this.tracks[0].push(values), () => {});
     else if (hash.has("t")) this.seek(Number(hash.get("t")));
     else if (!hash.has("pause")) this.play();
     this.before = performance.now();
@@ -216,7 +216,6 @@ class Player {
       }
       if (track.note) element(list, "li", track.note, "note");
     }
-    this.stateNote = element(list, "li", "", "note");
   }
   buildRows([title, ...rows]) {
     const box = this.find("rows");
@@ -361,8 +360,6 @@ class Player {
   frameCamera() {
     if (!this.tracks) return;
     const points = [], home = this.time;
-    this.stage.updateMatrixWorld(true);
-    const scene = this.viewer.scene.matrixWorld.clone().invert();
     for (const track of this.tracks) {
       const size = track.figure.data.size, offset = new T.Vector3(...track.offset);
       const include = (point, margin) => {  // leaves out far points of a diverged run
@@ -372,15 +369,7 @@ class Player {
             .addScaledVector(new T.Vector3(x, y, z), sign * margin * size));
       };
       const vector = xyz => new T.Vector3(...xyz);
-      const robot = () => {  // the corners of all its shapes
-        track.object.updateMatrixWorld(true);
-        for (const shape of track.figure.shapes) {
-          const {min, max} = shape.geometry.boundingBox;
-          for (const x of [min.x, max.x]) for (const y of [min.y, max.y])
-            for (const z of [min.z, max.z]) include(new T.Vector3(x, y, z)
-              .applyMatrix4(shape.matrixWorld).applyMatrix4(scene).sub(offset), 0.02);
-        }
-      };
+      const robot = () => track.figure.corners().forEach(point => include(point, 0.02));
       const {frames} = track, count = frames.length;
       if (!count) robot();
       for (const part of [0, 0.12, 0.3, 0.6, 1]) if (count) {
@@ -405,22 +394,5 @@ class Player {
     // the middle of the part that card and bar leave free
     const shift = bare ? [0, 0] : [narrow ? 0 : 250 / innerWidth, narrow ? -0.1 : 50 / innerHeight];
     fitCamera(this.viewer, points, room, shift);
-  }
-
-  // -- live ----------------------------------------------------------------------------------
-
-  connect() {
-    const node = this.viewer.scene_tree.find(["softdyn", "<object>"]).object;
-    Object.defineProperty(node, "frames", {set: values => {
-      this.tracks[0].push(values);
-      if (!this.curvesDue) this.curvesDue = setTimeout(() => {
-        this.curvesDue = null;
-        this.drawCurves();
-      }, 500);
-    }});
-    Object.defineProperty(node, "state", {set: text => { this.stateNote.textContent = text; }});
-    this.viewer.connect();
-    // after the server's end the received frames can still be played
-    this.viewer.connection.addEventListener("close", () => this.drawCurves());
   }
 }

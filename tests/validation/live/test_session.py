@@ -278,10 +278,11 @@ def test_what_pages_show_is_said_again_only_when_it_has_changed(model):
 class Told:
     """A channel without pages, which keeps what it is told."""
 
-    ended = False
-
     def __init__(self, *messages):
         self.said, self.shown, self.errors = messages, (), ()
+
+    def check(self):
+        pass
 
     def messages(self):
         said, self.said = self.said, ()

@@ -116,7 +116,7 @@ def comparison(
 
 def _figure(model: SoftModel, logs: Sequence[AnyLog]) -> Figure:
     """A robot with the tasks of the first log, among the obstacles of the first that has any."""
-    figure = replace(Figure.of(model), marks=logs[0].marks)
+    figure = Figure.of(model, logs[0].marks)
     around = next((found for log in logs if (found := log.surroundings) is not None), None)
     return figure.with_scenery(around)
 

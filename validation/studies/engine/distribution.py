@@ -15,8 +15,6 @@ from pathlib import Path
 from statistics import fmean, pstdev
 from typing import Any
 
-from scipy.stats import binom, mannwhitneyu
-
 from softdyn import InputError
 from softdyn.validation.files import read_json, write_text
 from softdyn.validation.tables import Table
@@ -101,6 +99,8 @@ class Distribution:
         """
         if len(self.seeds) != 2:
             return 1.0
+        from scipy.stats import mannwhitneyu  # its import takes half a second; few sweeps need it
+
         found = float(mannwhitneyu(*self.seeds.values()).pvalue)
         return 1.0 if math.isnan(found) else found  # all runs are equal
 
@@ -163,6 +163,8 @@ class Agreement:
     @classmethod
     def of(cls, cells: Mapping[str, Distribution]) -> Agreement:
         """Count the differing cells."""
+        from scipy.stats import binom
+
         both = {label: cell for label, cell in cells.items() if len(cell.seeds) == 2}
         disjoint = tuple(label for label, cell in both.items() if not cell.overlap())
         apart = tuple(label for label, cell in both.items() if cell.chance() < LEVEL)

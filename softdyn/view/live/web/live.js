@@ -91,13 +91,7 @@ class Live {
   // -- the websocket -----------------------------------------------------------------------
 
   connect() {
-    const scheme = location.protocol == "https:" ? "wss" : "ws";
-    this.link = new WebSocket(`${scheme}://${location.host}/live${location.search}`);
-    this.link.binaryType = "arraybuffer";
-    this.link.onmessage = event => {
-      if (typeof event.data != "string") this.take(new Float32Array(event.data));
-      else this.told(JSON.parse(event.data));
-    };
+    this.link = openLink(frame => this.take(frame), news => this.told(news));
     this.link.onclose = event => {
       this.notice(event.reason || (this.kept ? this.state.notice
         : "the server has ended; the page keeps what it has"));
@@ -316,16 +310,8 @@ class Live {
       s * c[6], s * c[7], s * c[8], y[2], 0, 0, 0, 1);
   }
   frameCamera() {
-    const s = this.size, points = [];
-    this.viewer.scene.updateMatrixWorld(true);
-    const home = this.stage.matrixWorld.clone().invert();
-    for (const shape of this.figure.shapes) {
-      const {min, max} = shape.geometry.boundingBox;
-      for (const x of [min.x, max.x]) for (const y of [min.y, max.y]) for (const z of [min.z, max.z]) {
-        const at = new T.Vector3(x, y, z).applyMatrix4(shape.matrixWorld).applyMatrix4(home);
-        if (at.length() < 2 * s) points.push(at);  // not a floor's far corners
-      }
-    }
+    const s = this.size;
+    const points = this.figure.corners().filter(at => at.length() < 2 * s);  // no floor's far ones
     for (const x of [-0.6, 0.6]) for (const z of [-0.9, 0.25])
       points.push(new T.Vector3(x * s, 0, z * s));
     const narrow = innerWidth < 640, left = narrow ? 0 : 250, right = narrow ? 0
