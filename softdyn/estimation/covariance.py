@@ -7,12 +7,12 @@ predicted values of late readings, which wait for their arrival. They stay as th
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg.blas import dger
 
 from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.stops import Stops
 
 ROUNDED, RIDGE = 1e-12, 1e-12  # rad or m; share of a variance
-BLOCK = 16  # readings; the rounding of 300 exact ones at once shows in P, that of so few does not
 
 
 def predict(P, by_state, by_force, noise, held, step, moving, decay, added, turn, gained):
@@ -67,8 +67,7 @@ def update(P, rows, errors, variances, change, gate):
     """Fuse readings one by one, each with Joseph's form (I - k h) P (I - k h)ᵀ + k R kᵀ.
 
     With g = P hᵀ and S = h g + R it is P - k gᵀ - g kᵀ + S k kᵀ, for any gain k. An error of the
-    gain therefore counts by its square only. The readings of a block are taken in turn within the
-    small matrix of their own covariances. P is larger; it changes once, by the sum of all.
+    gain therefore counts by its square only.
 
     Parameters
     ----------
@@ -92,41 +91,30 @@ def update(P, rows, errors, variances, change, gate):
         Σ e² / S, the numbers of readings used and of those beyond the gate, and with the share
         w = h P hᵀ / S of the prediction in the variance Σ w (e² / S - 1) and Σ w².
     """
-    nis, used, odd, excess, known = 0.0, 0, 0, 0.0, 0.0
-    for first in range(0, len(rows), BLOCK):
-        part = slice(first, first + BLOCK)
-        more = _fuse(P, rows[part], errors[part], variances[part], change, gate)
-        nis, used, odd = nis + more[0], used + more[1], odd + more[2]
-        excess, known = excess + more[3], known + more[4]
-    return nis, used, odd, excess, known
-
-
-def _fuse(P, rows, errors, variances, change, gate):
-    """`update` for readings that are few, in one change of P."""
-    here = np.flatnonzero(np.isfinite(errors))
-    if here.size == 0:
-        return 0.0, 0, 0, 0.0, 0.0
-    H, count, width, odd = rows[here], len(here), rows.shape[1], 0
-    spreads = H @ P[:width]
-    left = errors[here] - H @ change[:width]
-    # row i becomes that of reading i after the readings before: h P hᵀ with all, its error, h P
-    table = np.hstack((spreads[:, :width] @ H.T, left[:, None], spreads))
-    total = variances[here]
-    for i, row in enumerate(table):
-        error = row[count]
-        total[i] += row[i]
-        if error * error > gate * gate * total[i]:
+    nis, used, odd, excess, known, width = 0.0, 0, 0, 0.0, 0.0, rows.shape[1]
+    for k, row in enumerate(rows):
+        if not np.isfinite(errors[k]):
+            continue
+        spread = P[:, :width] @ row
+        error = errors[k] - row @ change[:width]
+        predicted = row @ spread[:width]
+        variance = variances[k] + predicted
+        if error * error > gate * gate * variance:
             odd += 1
-            total[i] = error * error / (gate * gate)
-        table[i + 1 :, i + 1 :] -= (table[i + 1 :, i] / total[i])[:, None] * row[i + 1 :]
-    left, spreads = table[:, count], table[:, count + 1 :]
-    share, squares = table[:, :count].diagonal() / total, left * left / total
-    errors[here] = left / np.sqrt(total)
-    gains = spreads / total[:, None]
-    change += left @ gains
-    P -= spreads.T @ gains
-    P -= gains.T @ (spreads - total[:, None] * gains)
-    return float(squares.sum()), count, odd, float(share @ (squares - 1.0)), float(share @ share)
+            variance = error * error / (gate * gate)
+        share = predicted / variance
+        excess += share * (error * error / variance - 1.0)
+        known += share * share
+        nis += error * error / variance
+        errors[k] = error / np.sqrt(variance)
+        used += 1
+        gain = spread / variance
+        change += gain * error
+        rest = spread - variance * gain
+        # in place: P.T is in the order of memory that BLAS expects
+        dger(-1.0, spread, gain, a=P.T, overwrite_a=1)
+        dger(-1.0, gain, rest, a=P.T, overwrite_a=1)
+    return nis, used, odd, excess, known
 
 
 def symmetrised(P):

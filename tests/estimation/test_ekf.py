@@ -537,29 +537,6 @@ def test_joseph_keeps_a_covariance():
     assert np.linalg.eigvalsh(P)[0] > 0
 
 
-def test_readings_at_once_are_readings_in_turn():
-    """More than a block of them, one NaN, one beyond the gate, one without noise of its own."""
-    rng = np.random.default_rng(2)
-    A = rng.normal(size=(9, 9))
-    rows, errors = rng.normal(size=(20, 7)), rng.normal(size=20)
-    variances = 0.1 + rng.random(20)
-    errors[3], errors[5], variances[8] = np.nan, 500.0, 0.0
-    P, change, left = A @ A.T, np.zeros(9), errors.copy()
-    sums = np.array(update(P, rows, left, variances, change, 20.0))
-    P_turn, change_turn, in_turn = A @ A.T, np.zeros(9), errors.copy()
-    sums_turn = sum(
-        np.array(
-            update(P_turn, rows[k, None], in_turn[k, None], variances[k, None], change_turn, 20.0)
-        )
-        for k in range(20)
-    )
-    assert sums[1:3].tolist() == [19, 1]
-    for found, expected in (
-        (P, P_turn), (change, change_turn), (left, in_turn), (sums, sums_turn),
-    ):  # fmt: skip
-        assert np.allclose(found, expected, rtol=1e-9, atol=1e-11, equal_nan=True)
-
-
 def test_a_clock_that_drifts_by_rounding():
     """Sums of periods are off by nanoseconds after an hour; readings keep their own times."""
     model = softdyn.load("finger")
