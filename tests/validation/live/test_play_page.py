@@ -275,7 +275,7 @@ def test_sliders_explore_rests(other, tmp_path):
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         page.open(process.stdout.readline().strip())
-        page.until("softdyn.leads && softdyn.frames > 2 && softdyn.ellipsoid.visible")
+        page.until("softdyn.leads && softdyn.frames > 0 && softdyn.ellipsoid.visible")
         page.run("(s => { s.value = 0.7; s.oninput(); })(softdyn.inputs[0].range)")
         page.until("softdyn.part(softdyn.last, 'u')[0] > 0.3")
         page.until("softdyn.readouts.rest.value == 'stable'")
