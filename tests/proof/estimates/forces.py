@@ -88,7 +88,9 @@ def run(robot: str, theta: float, kind: str, seed: int) -> tuple[float, float, f
     from softdyn.commands.observe import sensors_of
     from softdyn.controllers import best
     from softdyn.estimation import Ekf, EkfParameters
-    from softdyn.validation import Rig, paper, simulate
+    from softdyn.validation import Rig, paper
+    from softdyn.validation.loop.arguments import RunOptions
+    from softdyn.validation.loop.closed_loop import ClosedLoop
     from softdyn.validation.twin.plant_errors import PlantErrors
 
     model, rng = softdyn.load(robot), np.random.default_rng(seed)
@@ -104,8 +106,10 @@ def run(robot: str, theta: float, kind: str, seed: int) -> tuple[float, float, f
     observer = Ekf(model, sensors, (name,), parameters=given)
     rig = Rig(sensors=sensors, seed=seed, plant=PlantErrors(payload=MASS * loaded))
     goal = paper.set_point(robot, theta=theta)
+    options = RunOptions.of({"duration": SECONDS, "rig": rig, "observer": observer})
+    loop = ClosedLoop(model, best(model), goal, options)  # MuJoCo's compiler calls a callback, too
     with pulling(lambda t: (not loaded) * np.cos(turn * t + phase) * force):
-        log = simulate(model, best(model), goal, duration=SECONDS, rig=rig, observer=observer)
+        log = loop.run()
     assert log.disturbances is not None
     found, covariance = log.disturbances[-1], observer.covariance_of(name)
     error, size = found - MASS, MASS
