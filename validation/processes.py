@@ -112,9 +112,9 @@ class _Interrupt:
 @contextmanager
 def _quiet_start() -> Iterator[None]:
     """Start processes that do not hear Ctrl-C, which a terminal sends to all of them."""
+    _start_trackers()  # first: to start one unblocks the signal
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it
     try:
-        _start_trackers()
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)

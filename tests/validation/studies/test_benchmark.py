@@ -275,6 +275,23 @@ def test_interrupted(folder):
     assert errors.endswith("error: interrupted\n")
 
 
+def test_workers_do_not_hear_ctrl_c(tmp_path):
+    """One that is just starting would print an error of its own."""
+    (tmp_path / "own.py").write_text(
+        "import signal\n"
+        "def blocked():\n"
+        "    return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])\n"
+    )
+    code = (
+        "from own import blocked; from softdyn.validation.processes import in_processes\n"
+        "print(*in_processes(blocked, [()] * 2, 2), blocked())"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert found.stdout.split() == ["True", "True", "False"], found.stderr
+
+
 def test_workers_end_with_their_parent():
     code = (
         "import os; from softdyn.validation.processes import in_processes\n"
