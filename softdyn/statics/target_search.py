@@ -185,7 +185,7 @@ def inputs_for_tip(
     search = _Search(problem, (start, *given), *numbers, latest, pairs)
     search.run(chain(
         search.branches(), search.free_branches(), search.explored(), search.beside_saddles(),
-        *((search.samples_too(), search.unless_held(search.kicks)) if rays else ()),
+        *((search.sampled_branches_too(), search.unless_held(search.kicks)) if rays else ()),
     ))  # fmt: skip
     return TipSearch(target, distinct(sorted(search.ends, key=search.order)), search.timed_out)
 
@@ -347,7 +347,7 @@ class _Search:
         """Branches of the nearest sampled equilibria."""
         return (self._branch(one, one.stable) for one in self.samples[:TRIED])
 
-    def samples_too(self) -> Iterator[Attempt]:
+    def sampled_branches_too(self) -> Iterator[Attempt]:
         """The same until one of these ends holds the target, whether another does or not.
 
         Inputs that rise slowly lead to a sample, so the robot gets to such an end by itself.
