@@ -139,7 +139,7 @@ def _read(path: Path, reading: _Reading) -> Mjcf:
     root = reading.contents.xml(path)
     if root.tag != "mujoco":
         raise root.error("the root element <mujoco>", f"<{root.tag}>")
-    _include(root.node, path, path.resolve().parent, [path.resolve()], reading.contents)
+    insert_includes(root.node, path, path.resolve().parent, [path.resolve()], reading.contents)
     main = Element(path, root.node, "<mujoco>")
     _judge(main)
     reading = replace(reading, wrapped=reading.wrapped | _wrapped(root.node))
@@ -178,30 +178,6 @@ def _attached(root: Element, reading: _Reading) -> Iterator[Attached]:
         node.set("name", PLACE.format(k))
 
 
-def judge_paths(path: Path, contents: Contents) -> None:
-    """Refuse a file that names a file outside its folder, before a parser opens it.
-
-    Raises
-    ------
-    UrdfError
-        As in `read_mjcf`, but a file may be missing.
-    """
-    root = contents.xml(path)
-    base = path.resolve().parent
-    _include(root.node, path, base, [path.resolve()], contents)
-    folders = {""} | {
-        str(value)
-        for compiler in root.node.iter("compiler")
-        for name, value in compiler.attrib.items()
-        if name in ("meshdir", "assetdir", "texturedir")
-    }
-    for node in root.node.iter():
-        if isinstance(node.tag, str) and (name := node.get("file")) is not None:
-            element = Element(path, node, one_line(f'<{node.tag} file="{name}">'))
-            for folder in folders:
-                inside(path, element, base, str(PurePosixPath(folder) / name))
-
-
 def inside(file: Path, element: Element, folder: Path, name: str) -> Path:
     """The file of a relative `name`; it must lie in `folder`, also after resolving links."""
     absolute = PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive or "\\" in name
@@ -215,10 +191,29 @@ def inside(file: Path, element: Element, folder: Path, name: str) -> Path:
     return target
 
 
-def _include(
+def insert_includes(
     node: etree._Element, path: Path, folder: Path, opened: list[Path], contents: Contents
 ) -> None:
-    """Replace every <include> by the children of the root element of its file."""
+    """Replace every <include> by the children of the root element of its file.
+
+    Parameters
+    ----------
+    node : lxml.etree._Element
+        The root element of `path`; it is changed.
+    path : Path
+        The file.
+    folder : Path
+        The folder of the main file; included files lie in it or below it.
+    opened : list of Path
+        Files that are open; those opened here are added.
+    contents : Contents
+        Their contents.
+
+    Raises
+    ------
+    UrdfError
+        An included file is missing, outside the folder or included twice, or there are too many.
+    """
     for place in list(node.iter("include")):
         element = Element(path, place, one_line(f'<include file="{place.get("file")}">'))
         target = inside(path, element, folder, element.text("file"))
@@ -228,7 +223,7 @@ def _include(
             raise element.error(f"at most {MAX_FILES} files", "more")
         opened.append(target)
         included = contents.xml(target).node
-        _include(included, target, folder, opened, contents)
+        insert_includes(included, target, folder, opened, contents)
         parent = place.getparent()
         if parent is None:
             raise element.error("the root element <mujoco>", "<include>")

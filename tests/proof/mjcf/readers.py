@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
 from softdyn.description.inertia import Inertia
-from softdyn.exceptions import SoftdynError
+from softdyn.description.strict_xml import Element
+from softdyn.exceptions import SoftdynError, one_line
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part
 from softdyn.validation.mjcf.comparison.result import Comparison
 from softdyn.validation.mjcf.comparison.side import Side
-from softdyn.validation.mjcf.mjcf_file import judge_paths
+from softdyn.validation.mjcf.mjcf_file import Contents, insert_includes, inside
 from softdyn.validation.mjcf.transform import Transform
 from tests.proof.mjcf.mjcf_reader import read_mjcf_by_pinocchio
 
@@ -130,7 +131,7 @@ def pinocchio_reads(source: str | Path | Side, label: str = "") -> ReaderVerdict
     """
     side = Side.of(source)
     label = label or str(side.path)
-    judge_paths(side.path, side.contents)
+    _judge_paths(side.path, side.contents)
     ours, main = side.neutral, side.contents.xml(side.path)
     own = {node.get("name") for node in main.node.iter("joint", "freejoint")}
     includes = main.node.find("include") is not None
@@ -144,6 +145,24 @@ def pinocchio_reads(source: str | Path | Side, label: str = "") -> ReaderVerdict
     bare = replace(ours, frames={}, cables=(), motors=(), couplings=())
     found = compare_neutral(_plain(bare), _plain(theirs))
     return ReaderVerdict(label, found, "", includes and not own.intersection(found.unmatched["a"]))
+
+
+def _judge_paths(path: Path, contents: Contents) -> None:
+    """Refuse a file that names a file outside its folder; Pinocchio would open it."""
+    root = contents.xml(path)
+    base = path.resolve().parent
+    insert_includes(root.node, path, base, [path.resolve()], contents)
+    folders = {""} | {
+        str(value)
+        for compiler in root.node.iter("compiler")
+        for name, value in compiler.attrib.items()
+        if name in ("meshdir", "assetdir", "texturedir")
+    }
+    for node in root.node.iter():
+        if isinstance(node.tag, str) and (name := node.get("file")) is not None:
+            element = Element(path, node, one_line(f'<{node.tag} file="{name}">'))
+            for folder in folders:
+                inside(path, element, base, str(PurePosixPath(folder) / name))
 
 
 def _plain(robot: Neutral) -> Neutral:
