@@ -38,7 +38,7 @@ class Deadlines:
     Attributes
     ----------
     begin : float
-        The time of period 0 (s); NaN before `start`.
+        The time of period 0 (s); NaN before it.
     missed : int
         Missed deadlines.
     in_a_row : int
@@ -51,10 +51,6 @@ class Deadlines:
         self.period, self._now, self._sleep = period, source.now, source.sleep
         self.begin, self.missed, self.in_a_row, self.late, self._next = math.nan, 0, 0, 0.0, 0
 
-    def start(self) -> None:
-        """Let period 0 begin now."""
-        self.begin, self._next = self._now(), 0
-
     def at(self, k: int) -> float:
         """The deadline (s) of period `k`."""
         return self.begin + k * self.period
@@ -65,7 +61,13 @@ class Deadlines:
         return self.at(self._next) - self._now()
 
     def wait(self) -> int:
-        """Sleep until the next period begins; return the number of periods left out before it."""
+        """Sleep until the next period begins; return the number of periods left out before it.
+
+        The first call does not sleep: period 0 begins with it.
+        """
+        if not self._next:
+            self.begin, self._next = self._now(), 1
+            return 0
         k, over = self._next, -self.left
         missed = 0 if over <= 0 else math.floor(over / self.period) + 1
         first = k + max(missed - 1, 0)
@@ -77,8 +79,6 @@ class Deadlines:
         asleep = max(math.floor((woke - self.at(first)) / self.period), 0)
         first += asleep
         missed += asleep
-        if k == 0:  # nothing has been late before the first period
-            missed = 0
         self.late, self._next = woke - self.at(first), first + 1
         self.missed += missed
         self.in_a_row = self.in_a_row + missed if missed else 0

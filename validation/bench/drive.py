@@ -294,11 +294,9 @@ class Drive:
         on_step: Callable[[ControlStep], None] | None,
     ) -> None:
         """All control periods."""
-        loop, rig, clock = self.loop, self._rig, self.clock
+        loop, clock = self.loop, self.clock
         collect = self._now() + COLLECT
         heard.running = True
-        clock.start()
-        rig.begin = clock.begin
         while True:
             for _ in range(self._wait(heard, watchdog)):
                 loop.hold(clock=np.nan, missed=1.0)
@@ -322,7 +320,8 @@ class Drive:
         left_out = clock.wait()
         self._alive(heard, watchdog)
         self._safe.deadlines(clock.in_a_row)
-        rig.late, rig.missed = clock.late, clock.missed - before - left_out
+        rig.begin, rig.late = clock.begin, clock.late
+        rig.missed = clock.missed - before - left_out
         rig.leave_out(left_out)
         return left_out
 

@@ -1,8 +1,9 @@
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from softdyn.validation.bench.clock import Deadlines
+from softdyn.validation.bench.clock import Deadlines, TimeSource
 from tests.support.benched import Hands
 
 
@@ -13,9 +14,7 @@ def hands():
 
 @pytest.fixture
 def clock(hands):
-    clock = Deadlines(0.01, hands.source)
-    clock.start()
-    return clock
+    return Deadlines(0.01, hands.source)
 
 
 def test_lateness_never_adds_up(hands, clock):
@@ -24,6 +23,19 @@ def test_lateness_never_adds_up(hands, clock):
         assert hands.time == pytest.approx(clock.begin + 0.01 * k)
         hands.pass_(0.003 + 0.0001 * (k % 7))
     assert (clock.missed, clock.in_a_row) == (0, 0)
+
+
+def test_periods_are_late_from_the_first_one_on(hands):
+    def now():
+        hands.pass_(2e-5)  # a reading takes its time, and the first period begins late, too
+        return hands.time
+
+    clock = Deadlines(0.01, TimeSource(now, hands.source.sleep))
+    begun = [(clock.wait(), hands.time)[1] for _ in range(9)]
+    late = np.array(begun) - begun[0] - 0.01 * np.arange(9)
+    assert clock.begin == begun[0]
+    assert late.min() >= 0.0
+    assert clock.late == pytest.approx(late[-1])
 
 
 @pytest.mark.parametrize(
@@ -47,7 +59,6 @@ def test_a_long_step_is_a_miss(hands, clock, work, left_out, missed, late):
 def test_a_system_that_wakes_too_late_is_a_miss():
     hands = Hands()
     clock = Deadlines(0.01, hands.source)
-    clock.start()
     clock.wait()
     hands.source.sleep(0.002)
     clock._sleep = lambda seconds: hands.pass_(seconds + 0.025)
