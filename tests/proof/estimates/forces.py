@@ -37,9 +37,9 @@ COLUMNS = (
     ("runs", "runs", "d"),
     ("in the 95 % region", "inside", "d"),
     ("at most 10 % off", "near", "d"),
-    ("error, median (%)", "median_pct", ".1f"),
-    ("worst (%)", "worst_pct", ".1f"),
-    ("deviation (%)", "deviation_pct", ".1f"),
+    ("error, median (%)", "median_pct", ".2f"),
+    ("worst (%)", "worst_pct", ".2f"),
+    ("deviation (%)", "deviation_pct", ".2f"),
 )
 
 parser = cli.Parser(__doc__, EPILOG)
