@@ -39,6 +39,15 @@ def test_no_page_shows_a_formula_as_text(hooks: dict) -> None:
     assert pages["derivations.md"].count("<math") > 200
 
 
+def test_no_emphasis_begins_or_ends_inside_a_word(hooks: dict) -> None:
+    """Markdown takes the stars of q* and u* for emphasis, and shows neither."""
+    inside = re.compile(r"\w<(?:em|strong)>|</(?:em|strong)>\w")
+    pages = {path.name: page(path.read_text("utf-8"), hooks) for path in PAGES}
+    pages = {name: CODE.sub("", html) for name, html in pages.items()}
+    assert inside.search(page("at (q*, u*) a joint", hooks))
+    assert [name for name, html in pages.items() if inside.search(html)] == []
+
+
 def test_a_displayed_formula_has_its_number_and_its_limits(hooks: dict) -> None:
     html = page("$$\\min_x x^2 \\le \\begin{aligned}a&=1\\\\b&=2\\end{aligned} \\tag{4}$$", hooks)
     assert "<span>(4)</span>" in html
