@@ -290,7 +290,8 @@ def _statics() -> str:
 def _identification() -> str:
     """The identification of twins, as `tests/proof/twins.py` measured it."""
     shown = [("`softdyn identify …`", "case", ""), *SHOWN]
-    return Table.of(shown, _rows("identification")).markdown()
+    rows = [{**row, "case": f"`{row['case']}`"} for row in _rows("identification")]
+    return Table.of(shown, rows).markdown()
 
 
 def _published() -> str:
