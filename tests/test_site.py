@@ -62,12 +62,12 @@ def test_unknown_latex_stops_the_build(hooks: dict) -> None:
 
 @required()
 def test_a_wrapped_line_keeps_its_options_whole(hooks: dict) -> None:
-    text = "softdyn run a.urdf best --target 0.1 -0.2 0 --no-verdict --gains my-gains.toml"
+    text = "softdyn run a.urdf best --target 0.1 -0.2 0 --no-verdict --step 1e-3"
     for html in (
         page(f"```text\n{text}\n```", hooks),
         page(f"| command |\n| --- |\n| `{text}` |", hooks),
     ):
-        for option in ("--target", "--no-verdict", "--gains", "-0.2"):
+        for option in ("--target", "--no-verdict", "--step", "-0.2", "1e-3"):
             assert f'<span class="whole">{option}</span>' in html
         assert text in re.sub("<[^>]*>", "", html)  # what is copied
     assert 'class="whole"' not in page("the option `--target` of a-b", hooks)

@@ -14,10 +14,10 @@ from softdyn.commands.__main__ import COMMANDS, spelt
 # as pymdownx.arithmatex marks them
 NAMES = re.compile(r"^\*Names of `([\w.]+)`:\* (.+)$", re.M)  # in api.md
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.S)
-# a block, or a cell of code; a tag, or an option or negative number, which a wrapped line must not
-# break at its hyphen
+# a block, or a cell of code; a tag, or an option or a number with a hyphen, which a wrapped line must
+# not break there
 BLOCK = re.compile(r"<pre.*?</pre>|<td><code>.*?</code></td>", re.S)
-HYPHENED = re.compile(r"(<[^>]*>)|(?<![\w-])(--?\w[\w.-]*)")
+HYPHENED = re.compile(r"(<[^>]*>)|(?<![\w-])(--?\w[\w.-]*|[\d.]+e-\d+)")
 TAG = re.compile(r"\\tag\{(\w+)\}")
 # under their operator in a displayed formula
 LIMITS = {"min", "max", "\u2211"}  # Σ
