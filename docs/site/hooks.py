@@ -14,9 +14,8 @@ from softdyn.commands.__main__ import COMMANDS, spelt
 # as pymdownx.arithmatex marks them
 NAMES = re.compile(r"^\*Names of `([\w.]+)`:\* (.+)$", re.M)  # in api.md
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.S)
-# a block, or a cell of code; a tag, or an option or a number with a hyphen, which a wrapped line must
-# not break there
-BLOCK = re.compile(r"<pre.*?</pre>|<td><code>.*?</code></td>", re.S)
+# code; in it a tag, or an option or a number with a hyphen, where a wrapped line must not break
+CODE = re.compile(r"<pre.*?</pre>|<code>.*?</code>", re.S)
 HYPHENED = re.compile(r"(<[^>]*>)|(?<![\w-])(--?\w[\w.-]*|[\d.]+e-\d+)")
 TAG = re.compile(r"\\tag\{(\w+)\}")
 # under their operator in a displayed formula
@@ -62,12 +61,12 @@ def docstrings(module: str, names: str) -> str:
 def on_page_content(content: str, **_) -> str:
     """Replace formulas by MathML, which browsers draw without a script; let stills play.
 
-    Options in blocks are kept in one piece.
+    Options in code are kept in one piece.
     """
     content = STILL.sub(
         r'<a class="still" href="gallery/\1.html" onclick="' + PLAY + r'">\g<0></a>', content
     )
-    content = BLOCK.sub(lambda block: HYPHENED.sub(_whole, block[0]), content)
+    content = CODE.sub(lambda code: HYPHENED.sub(_whole, code[0]), content)
     return FORMULA.sub(lambda found: formula(html.unescape(found[2]), found[1] == "div"), content)
 
 
