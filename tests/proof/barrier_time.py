@@ -49,8 +49,8 @@ cli.add_json(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Record what is missing, alternate, report."""
-    from softdyn.validation.files import read_json, write_json
     from softdyn.validation.tables import Table
+    from tests.proof.documents.measured_rows import replace_rows
 
     cli.make_folder(arguments.folder)
     rows: list[dict[str, Any]] = []
@@ -63,9 +63,7 @@ def command(arguments: cli.Arguments) -> int:
         found = [measured(root, robot, path, arguments.rounds) for root in order]
         rows += table_rows(robot, (found[0], found[3]), found[1:3])
     if arguments.out is not None:
-        old = read_json(arguments.out, "rows of a table")["rows"] if arguments.out.is_file() else []
-        kept = [row for row in old if row["robot"] not in arguments.robots]
-        write_json(arguments.out, {"rows": kept + rows})
+        replace_rows(arguments.out, "robot", arguments.robots, rows)
     cli.write_report({"rows": rows}, arguments.json, Table.of(COLUMNS, rows).markdown())
     return cli.PASSED
 

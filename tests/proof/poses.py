@@ -34,7 +34,7 @@ parser.add_argument("--seconds", type=float, default=15.0, metavar="S", help="de
 def command(arguments: cli.Arguments) -> int:
     """Run the targets of each case; its rows are written when it is done."""
     from softdyn import InputError
-    from softdyn.validation.files import read_json, write_json
+    from tests.proof.documents.measured_rows import replace_rows
     from tests.proof.documents.settings import MEASURED
 
     path = MEASURED / "poses.json"
@@ -42,12 +42,8 @@ def command(arguments: cli.Arguments) -> int:
         if case not in CASES:
             raise InputError("CASE", f"one of {', '.join(CASES)}", case)
         name, what = CASES[case]
-        found = list(runs(loaded(name), what, arguments))
-        rows = read_json(path, "rows of a table")["rows"] if path.exists() else []
-        rows = [row for row in rows if row["case"] != case]
-        rows += [{"case": case, **row} for row in found]
-        rows.sort(key=lambda row: [*CASES].index(row["case"]))  # as in the document
-        write_json(path, {"rows": rows})
+        rows = [{"case": case, **row} for row in runs(loaded(name), what, arguments)]
+        replace_rows(path, "case", [case], rows, [*CASES])
     return cli.PASSED
 
 

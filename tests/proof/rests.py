@@ -24,7 +24,8 @@ parser.add_argument("robots", nargs="*", metavar="ROBOT", help="default: all of 
 def command(arguments: cli.Arguments) -> int:
     """Run the robots; the rows of each are written when it is done."""
     from softdyn import InputError
-    from softdyn.validation.files import read_json, write_json
+    from softdyn.validation.files import read_json
+    from tests.proof.documents.measured_rows import replace_rows
     from tests.proof.documents.settings import MEASURED
 
     path = MEASURED / "statics.json"
@@ -38,10 +39,8 @@ def command(arguments: cli.Arguments) -> int:
             files = ["--map", f"docs/statics_{robot}.png", "--json", str(file)]
             statics.main([robot, *numbers, *files])
             found = read_json(file, "the report of statics")
-        rows = read_json(path, "rows of a table")["rows"] if path.exists() else []
-        rows = [row for row in rows if row["robot"] != robot]
-        rows += [{"robot": robot, **row_of(target)} for target in found["targets"]]
-        write_json(path, {"rows": sorted(rows, key=lambda row: list(SAMPLES).index(row["robot"]))})
+        rows = [{"robot": robot, **row_of(target)} for target in found["targets"]]
+        replace_rows(path, "robot", [robot], rows, [*SAMPLES])
     return cli.PASSED
 
 

@@ -51,7 +51,8 @@ parser.add_argument("cases", nargs="*", metavar="CASE", help="default: all of th
 def command(arguments: cli.Arguments) -> int:
     """Run the cases; each is written when it is done."""
     from softdyn import InputError
-    from softdyn.validation.files import read_json, write_json
+    from softdyn.validation.files import read_json
+    from tests.proof.documents.measured_rows import replace_rows
     from tests.proof.documents.settings import MEASURED
 
     path = MEASURED / "identification.json"
@@ -63,11 +64,8 @@ def command(arguments: cli.Arguments) -> int:
             found = read_json(report, "the report of identify") if report.exists() else {}
         if code == cli.BAD_INPUT or "summary" not in found:
             raise InputError("CASE", "an identification of --twin", case)
-        rows = read_json(path, "rows of a table")["rows"] if path.exists() else []
-        rows = [row for row in rows if row["case"] != case]
-        rows += [{"case": case, **row} for row in found["summary"]]
-        rows.sort(key=lambda row: [*CASES, row["case"]].index(row["case"]))  # as in the documents
-        write_json(path, {"rows": rows})
+        rows = [{"case": case, **row} for row in found["summary"]]
+        replace_rows(path, "case", [case], rows, CASES)
     return cli.PASSED
 
 

@@ -9,9 +9,11 @@ import pytest
 
 from softdyn import InputError
 from softdyn.commands import benchmark
+from softdyn.validation.files import read_json
 from softdyn.validation.studies.engine.distribution import Distribution
 from tests.proof import rests, tables
 from tests.proof.documents import tables as documents
+from tests.proof.documents.measured_rows import replace_rows
 from tests.support import ROOT
 
 PAGES = sorted((ROOT / "docs").glob("*.md"))
@@ -24,6 +26,17 @@ def test_every_table_is_what_the_committed_figures_give() -> None:
 
 def test_the_grid_of_the_documents_is_the_benchmark_s() -> None:
     assert (documents.PAPER_ROBOTS, documents.GRID) == (benchmark.ROBOTS, benchmark.CONTROLLERS)
+
+
+def test_rows_are_replaced_in_the_order_of_the_document(tmp_path: Path) -> None:
+    path = tmp_path / "rows.json"
+    for robot, value in (("spirob", 1), ("own", 2), ("finger", 3), ("spirob", 4)):
+        found = [{"robot": robot, "value": value}, {"robot": robot, "value": -value}]
+        replace_rows(path, "robot", [robot], found, ("finger", "spirob"))
+    rows = [(row["robot"], row["value"]) for row in read_json(path, "rows of a table")["rows"]]
+    assert rows == [
+        ("finger", 3), ("finger", -3), ("spirob", 4), ("spirob", -4), ("own", 2), ("own", -2),
+    ]  # fmt: skip
 
 
 def test_a_stale_table_is_found_and_written(tmp_path: Path) -> None:

@@ -53,7 +53,7 @@ def command(arguments: cli.Arguments) -> int:
     import numpy as np
 
     from softdyn import InputError
-    from softdyn.validation.files import read_json, write_json
+    from tests.proof.documents.measured_rows import replace_rows
     from tests.proof.documents.settings import MEASURED
 
     path = MEASURED / "forces.json"
@@ -74,8 +74,7 @@ def command(arguments: cli.Arguments) -> int:
                     "deviation_pct": 100 * float(np.median(deviation)),
                 })  # fmt: skip
                 print(found[-1], flush=True)
-        rows = read_json(path, "rows of a table")["rows"] if path.exists() else []
-        write_json(path, {"rows": [row for row in rows if row["robot"] != robot] + found})
+        replace_rows(path, "robot", [robot], found, ROBOTS)
     return cli.PASSED
 
 
