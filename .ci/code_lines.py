@@ -12,8 +12,10 @@ that pytest collects (test_*.py, conftest.py) count in neither. Only tracked fil
   value has a number in it and no call.
 - commands: modules of scripts/ that bind `main` to `cli.program`.
 - public names: functions and classes at a module's top level without a leading underscore.
+- names promised, provisional: those that docs/api.md lists. Other names: the public ones that it
+  does not list.
 
-The last four are counted in the wheel only.
+All but the lines are counted in the wheel only.
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ LAYOUT = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, toke
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 WHEEL = ("softdyn/", "controllers/", "validation/", "scripts/")
 PROOF = ("tests/proof/", "urdf/", ".ci/")
+LISTED, NAME = re.compile(r"^\*Names of `([\w.]+)`:\* (.+)$", re.M), re.compile(r"`(\w+)`(°?)")
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
 # a comment, or a string in which // or /* begins none
 SCRIPT_TOKEN = re.compile(
@@ -101,6 +104,15 @@ def public_names(tree: ast.Module) -> list[str]:
     return [one.name for one in tree.body if isinstance(one, kinds) and one.name[0] != "_"]
 
 
+def listed_names(text: str) -> tuple[set[str], set[str]]:
+    """The promised and the provisional names of docs/api.md, with their packages."""
+    promised, provisional = set(), set()
+    for package, names in LISTED.findall(text):
+        for name, mark in NAME.findall(names):
+            (provisional if mark else promised).add(f"{package}.{name}")
+    return promised, provisional
+
+
 def is_command(path: str, tree: ast.Module) -> bool:
     """Whether the module is a command."""
     return path.startswith("scripts/") and any(
@@ -145,12 +157,18 @@ def main() -> None:
         if name.startswith(WHEEL) and name.endswith(".py")
     }
     bound = [one for tree in trees.values() for one in constants(tree)]
+    public = [name for tree in trees.values() for name in public_names(tree)]
+    promised, provisional = listed_names(Path("docs/api.md").read_text(encoding="utf-8"))
+    known = {name.rpartition(".")[2] for name in promised | provisional}
     for number, label in (
         (sum(map(kernels, trees.values())), "kernels"),
         (len(bound), "module constants"),
         (sum(numeric for _, numeric in bound), "of them numeric"),
         (sum(is_command(*one) for one in trees.items()), "commands"),
-        (sum(len(public_names(tree)) for tree in trees.values()), "public names"),
+        (len(public), "public names"),
+        (len(promised), "names promised"),
+        (len(provisional), "names provisional"),
+        (sum(name not in known for name in public), "other names"),
     ):
         print(f"{number:6}  {label}")
 

@@ -3,7 +3,9 @@
 Modules; numbers in brackets are the paper's equations, in their order of appearance:
 
 - `controller`: the contract (`Command`, `reset`), and the guard of a controller's input;
-- `law`: the base class of the paper's six controllers;
+- `failed_problem`: the problem behind a fallback;
+- `channels`: the channels of a log that a controller declares, and their values in its commands;
+- `law`: the base class of the paper's six controllers, and what the package knows of each;
 - `clf_qp`: CLF-QP (5, 11), input-output linearisation under bounds;
 - `soft_id_clf_qp`: Soft ID-CLF-QP (12, 13), the paper's own; horizon and barriers are options;
 - `id_clf_qp`: ID-CLF-QP, its hard ancestor, with the whole dynamics (1) as the constraint;

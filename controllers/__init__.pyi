@@ -1,6 +1,9 @@
 from .allocation import allocate
+from .barriers import ControlBarrier, JointLimits, LoadedStop, UnsafeStart
+from .channels import LogChannel
 from .clf_qp import ClfQp
 from .controller import Command, Controller, InputGuard, Status, TaskCondition, TaskReport
+from .failed_problem import FailedProblem
 from .gains import Gains
 from .id_clf_qp import IdClfQp
 from .impedance import Impedance, UnderactuatedImpedance
@@ -8,7 +11,7 @@ from .impedance_qp import ImpedanceQp
 from .mpc import Mpc, MpcParameters
 from .predictive.compensated import Compensated
 from .predictive.rest_target import RestTargets
-from .registry import BEYOND, CONTROLLERS, find_controller
+from .registry import BEYOND, CONTROLLERS, find_controller, make_controller
 from .safety_filter import SafetyFilter
 from .schedule import Schedule, Stage
 from .soft_id_clf_qp import SoftIdClfQp
@@ -20,12 +23,17 @@ __all__ = [
     "ClfQp",
     "Command",
     "Compensated",
+    "ControlBarrier",
     "Controller",
+    "FailedProblem",
     "Gains",
     "IdClfQp",
     "Impedance",
     "ImpedanceQp",
     "InputGuard",
+    "JointLimits",
+    "LoadedStop",
+    "LogChannel",
     "Mpc",
     "MpcParameters",
     "RestTargets",
@@ -38,7 +46,9 @@ __all__ = [
     "TaskCondition",
     "TaskReport",
     "UnderactuatedImpedance",
+    "UnsafeStart",
     "allocate",
     "best",
     "find_controller",
+    "make_controller",
 ]

@@ -45,6 +45,7 @@ from softdyn.controllers.qps.mode_search import NEGLIGIBLE, ModeSearch
 from softdyn.controllers.qps.qp import QpProblem, QpSolution
 from softdyn.controllers.qps.relaxed_rows import ROOM, RelaxedRows, Rows
 from softdyn.controllers.qps.stopped_step import StoppedStep
+from softdyn.copies import KeepsMaking
 from softdyn.description.robot import sliding
 from softdyn.dynamics.stops import Stops
 from softdyn.safety.clearance import CENTIRADIAN, MILLIMETRE, Values
@@ -52,7 +53,9 @@ from softdyn.safety.obstacles import RATE, BarrierSet
 from softdyn.safety.obstacles import HalfSpace as HalfSpace
 from softdyn.safety.obstacles import KeepOutSphere as KeepOutSphere
 
+LOOKAHEAD = 0.02  # s, the horizon of rows where the controller has none
 LEAP = 10.0  # of these units, a joint's largest motion in a period
+AT_STOP = 0.1  # of these units: a joint this close to its limit is at its stop
 ENOUGH = ROOM + 2 * NEGLIGIBLE  # excess of a row, in units, that counts as none
 
 
@@ -69,7 +72,7 @@ class ControlBarrier(Protocol):
         ...
 
 
-class JointLimits:
+class JointLimits(KeepsMaking):
     """Every finite limit of the file's joints.
 
     Parameters
@@ -111,6 +114,13 @@ class UnsafeStart(UserWarning):
     """A run starts with b < 0 or ḃ + α b < 0."""
 
 
+class LoadedStop(UserWarning):
+    """`JointLimits` guard a joint that no input keeps off its stop, because the stop carries load.
+
+    The controller then gives up its target for limits that it cannot keep.
+    """
+
+
 class BarrierRows:
     """The rows of all barriers; they are hard if an admissible input meets them.
 
@@ -125,7 +135,7 @@ class BarrierRows:
     barriers : sequence of ControlBarrier
         Obstacles and limits.
     tau : float
-        The horizon τ (s).
+        The horizon τ of the rows (s).
 
     Attributes
     ----------
@@ -144,7 +154,8 @@ class BarrierRows:
     """
 
     def __init__(self, model: SoftModel, barriers: Sequence[ControlBarrier], tau: float) -> None:
-        self._model, self._barriers, self._tau = model, tuple(barriers), tau
+        self._model, self._barriers = model, tuple(barriers)
+        self._horizon = Horizon(model, tau)
         self._values = BarrierSet(model, self._barriers)
         Stops.of(model).prepare()  # those of a step are solved alike
         self._qp, self._leap = RelaxedRows(model.u_min, model.u_max), LEAP * _joint_units(model)
@@ -154,13 +165,14 @@ class BarrierRows:
         """Reset all counts; with a control period (s) every barrier has a row for it too."""
         self.violation, self.relaxed, self.relaxation = -np.inf, 0, 0.0
         self.outside, self.least, self.braked, self._begun = 0, 0, 0, False
+        self._loaded = False
         self._period = period
         self._hold = Horizon(self._model, period) if period else None
         self._kinds: np.ndarray | None = None
 
-    def at(self, state: State, M: np.ndarray, h: np.ndarray) -> Rows:
-        """Every barrier's rows where no joint is at a stop; M and h are those over the horizon."""
-        values, steps = self._at(state), self._steps(state, M, h)
+    def at(self, state: State) -> Rows:
+        """Every barrier's rows where no joint is at a stop."""
+        values, steps = self._at(state), self._steps(state)
         return Rows.joined([_rows(state, values, step, step.free) for step in steps])
 
     def _at(self, state: State) -> BarrierValues:
@@ -180,12 +192,11 @@ class BarrierRows:
         self._begun = True
         return values._replace(b=b - margin)
 
-    def _steps(self, state: State, M: np.ndarray, h: np.ndarray) -> list[StoppedStep]:
+    def _steps(self, state: State) -> list[StoppedStep]:
         """The steps τ that have rows; in a run the last is the control period."""
-        steps = [(self._tau, M, h)] if self._tau or self._hold is None else []
-        if self._hold is not None:
-            steps.append((self._period, *self._hold(state)))
-        return [StoppedStep(state, *step) for step in steps]
+        over = [self._horizon] if self._horizon.tau or self._hold is None else []
+        over += [] if self._hold is None else [self._hold]
+        return [StoppedStep(state, one.tau, *one(state)) for one in over]
 
     def _count(self, values: BarrierValues, of: np.ndarray) -> None:
         """Count a state without guarantee; warn if a run starts at one."""
@@ -202,14 +213,26 @@ class BarrierRows:
             text = f"the run starts outside the safe set ({outside}; both should be >= 0)"
             warnings.warn(text, UnsafeStart, stacklevel=2)
 
+    def _warn_of_loads(self, values: BarrierValues) -> None:
+        """Warn once in a run if rows were relaxed while a joint is at a limit that is a barrier."""
+        at = values.limits & (values.b <= AT_STOP * values.unit)
+        if self._loaded or not at.any():
+            return
+        self._loaded = True
+        joints = np.abs(values.gradient[at]).argmax(axis=1)
+        names = dict.fromkeys(self._model.joint_names[j] for j in joints.tolist())
+        text = (
+            f"JointLimits: no input keeps {', '.join(names)} off their stops, which carry load; "
+            "the target is given up for these limits: leave JointLimits out, the stops hold"
+        )
+        warnings.warn(text, LoadedStop, stacklevel=2)
+
     @SILENT
     def enforce(
         self,
         problem: QpProblem,
         solution: QpSolution | None,
         state: State,
-        M: np.ndarray,
-        h: np.ndarray,
     ) -> QpSolution | None:
         """`solution` if it meets every row, else the answer of `problem` with rows.
 
@@ -218,7 +241,7 @@ class BarrierRows:
         values = self._at(state)
         if solution is None or not solution.solved or not len(values.alpha):
             return solution
-        steps, nu, stopped = self._steps(state, M, h), state.B.shape[1], self._hold is not None
+        steps, nu, stopped = self._steps(state), state.B.shape[1], self._hold is not None
         if all(self._met(values, step, state, solution.x[:nu]) for step in steps):
             return solution
         rows_of = partial(_rows, state, values, leap=self._leap, period=self._period)
@@ -232,6 +255,7 @@ class BarrierRows:
             self.braked += 1
         if best.violation > 2 * ROOM:
             self.relaxed, self.relaxation = self.relaxed + 1, max(self.relaxation, best.violation)
+            self._warn_of_loads(values)
         self.least += best.least
         return best.answer
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
 import numpy as np
 
 from softdyn import SoftModel, State
 from softdyn.compiled import compiled
-from softdyn.controllers.controller import Command, InputGuard, Status
+from softdyn.controllers.controller import SILENT, Command, InputGuard, Status
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.law import InputRule, TaskLaw
 from softdyn.controllers.qps.least_norm import bounded_least_norm
@@ -19,7 +21,7 @@ from softdyn.controllers.qps.linear_algebra import (
     lq,
     row_space,
 )
-from softdyn.controllers.qps.qp import ACCEPTED, DenseQp
+from softdyn.controllers.qps.qp import ACCEPTED, DenseQp, QpProblem
 from softdyn.controllers.qps.stacked_error import TaskRows, several_levels
 from softdyn.controllers.qps.task_qp import Condensed
 
@@ -31,6 +33,16 @@ class ClfQp(TaskLaw):
     """
 
     name = "clf-qp"
+    label = "CLF-QP"
+    order = 1
+    published = MappingProxyType(
+        {
+            "finger": Gains(500, 0.05),
+            "helix": Gains(500, 0.05),
+            "spirob": Gains(500, 0.01),
+            "spirob48": Gains(500, 0.01),
+        }
+    )
 
     def _make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
         """The QP in u alone, or one for each level of the tasks."""
@@ -73,13 +85,30 @@ class Linearisation:
             tip.mu_ref, tip.yddot, tip.row, tip.bound, *self._weights, *self._bounds, self._u,
         )  # fmt: skip
         if residual != residual:
-            return guard.fall_back(Status.NON_FINITE, tip.V, np.nan)
+            return guard.fall_back(Status.NON_FINITE, tip.V, np.nan, self._problem(state, tip))
         if residual > ACCEPTED:
-            return guard.fall_back(Status.NOT_SOLVED, tip.V, delta)
+            return guard.fall_back(Status.NOT_SOLVED, tip.V, delta, self._problem(state, tip))
         return guard.accept(self._u, tip.V, delta)
 
     def reset(self) -> None:
         """Do nothing: no call depends on earlier ones."""
+
+    @SILENT
+    def _problem(self, state: State, tip: TaskRows) -> QpProblem | None:
+        """The published QP in (u, δ), for another solver; None where M is singular."""
+        m, (w1, rho) = len(self._u), self._weights
+        try:
+            _, _, mu_map, mu_0 = LeastInput(m).condense(state, state.M, state.h, tip)
+        except np.linalg.LinAlgError:
+            return None
+        problem = QpProblem.empty(m + 1, m + 1)
+        problem.H[:m, :m] = 2 * w1 * mu_map.T @ mu_map
+        problem.H[m, m] = 2 * rho
+        problem.g[:m] = 2 * w1 * mu_map.T @ (mu_0 - tip.mu_ref)
+        problem.A[:m, :m], problem.A[m, :m], problem.A[m, m] = np.eye(m), tip.row @ mu_map, -1
+        problem.lower[:m], problem.upper[:m] = self._bounds
+        problem.lower[m], problem.upper[m] = -np.inf, tip.bound[0] - tip.row @ mu_0
+        return problem
 
 
 @compiled

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from threading import RLock
 from typing import Any, Protocol
@@ -15,7 +16,9 @@ import numpy as np
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.checks import array
 from softdyn.compiled import COMPILES, compiled
-from softdyn.copies import Separate
+from softdyn.controllers.channels import LogChannel, channels_of
+from softdyn.controllers.failed_problem import FailedProblem
+from softdyn.copies import KeepsMaking, Separate
 from softdyn.description.robot import Robot
 from softdyn.dynamics.model import check_model
 from softdyn.tasks.task import Task
@@ -29,6 +32,9 @@ class Status(Enum):
     OK = "ok"
     NOT_SOLVED = "not solved"
     NON_FINITE = "non-finite"
+
+
+OK = Status.OK
 
 
 class TaskCondition(Enum):
@@ -83,6 +89,8 @@ class Command:
         controller has one. It is large for a set point out of reach.
     tasks : tuple of TaskReport
         For tasks in several levels, a report of each.
+    values : mapping of str to float, array_like or str, or None
+        Values of the channels that the controller declares (`Controller`), by their names.
     """
 
     u: np.ndarray
@@ -91,6 +99,30 @@ class Command:
     status: Status = Status.OK
     distance: float = float("nan")
     tasks: tuple[TaskReport, ...] = ()
+    values: Mapping[str, Any] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class KnownRig:
+    """The second argument of a controller's `reset`: the rig of the plant that it will drive.
+
+    Attributes
+    ----------
+    lag : float
+        Longest time constant (s) of the actuators.
+    delay : float
+        Time (s) from a state to the begin of the command that answers it: the actuators' longest
+        delay, and the lateness of the states that the controller sees.
+    friction : ndarray, (tendons,), optional
+        Coefficients of the cables' friction; None where no cable rubs.
+    """
+
+    lag: float = 0.0
+    delay: float = 0.0
+    friction: np.ndarray | None = None
+
+
+IDEAL = KnownRig()
 
 
 class Controller(Protocol):
@@ -98,8 +130,13 @@ class Controller(Protocol):
 
     It may keep a warm start and counters, but never the robot's state. It may also have
     ``reset(period)``, which `validation.simulate` calls once before a run with the control period
-    (s). It sets there everything that depends on the period or on an earlier run. A `SafetyFilter`
+    (s). It sets there everything that depends on the period or on an earlier run. A second
+    parameter of `reset` with the name ``rig`` gets the rig of the plant, a
+    `KnownRig`, or None where that is the file's. A `SafetyFilter`
     that changes its input calls its ``applied(u)``, if it has one, with the input that acts.
+
+    It may declare ``channels``, a tuple of `LogChannel`, with quantities of its own. Its commands
+    have their `values`, and the log, its files, its figures and its replay page show them.
 
     A call never waits for a search. A controller that searches for something has
     ``prepare(reference)``, which may wait, once, before a loop; and an attribute ``waits``, which
@@ -111,7 +148,7 @@ class Controller(Protocol):
         ...
 
 
-class GuardedController(Separate, ABC):
+class GuardedController(KeepsMaking, Separate, ABC):
     """A controller whose arguments and input are checked by its guard.
 
     The call refuses a State of another robot and anything but a Reference, because compiled kernels
@@ -139,12 +176,20 @@ class GuardedController(Separate, ABC):
             raise no_arguments(state, reference, guard)
         with guard.lock:
             try:
-                return self._command(state, reference)
+                command = self._command(state, reference)
             except np.linalg.LinAlgError:
-                return guard.fall_back(Status.NON_FINITE, np.nan, np.nan)
+                command = guard.fall_back(Status.NON_FINITE, np.nan, np.nan)
+            if command.status is not OK:
+                guard.complete(state, reference)
+            return command
 
     if not COMPILES:  # compiled kernels give no warnings
         __call__ = SILENT(__call__)
+
+    @property
+    def failed_problem(self) -> FailedProblem | None:
+        """The QP of the last fallback with its state and reference; None since `reset` without."""
+        return self.guard.failed
 
     def prepare(self, reference: Reference | Callable[[float], Reference]) -> None:
         """Do before a loop what may take long for a reference; most controllers have no such work.
@@ -193,9 +238,19 @@ class WrappingController(GuardedController):
         self._admit = guard_of(controller, model).admit
 
     @property
+    def failed_problem(self) -> FailedProblem | None:
+        """The other controller's, if it keeps one, else its own."""
+        return getattr(self.inner, "failed_problem", None) or self.guard.failed
+
+    @property
     def gains(self) -> Any:
         """The other controller's gains or parameters."""
         return getattr(self.inner, "gains", getattr(self.inner, "parameters", None))
+
+    @property
+    def channels(self) -> tuple[LogChannel, ...]:
+        """The other controller's channels."""
+        return channels_of(self.inner)
 
     @property
     def waits(self) -> bool:
@@ -213,11 +268,35 @@ class WrappingController(GuardedController):
         if hasattr(self.inner, "prepare"):
             self.inner.prepare(reference)
 
-    def reset(self, period: float) -> None:
-        """Begin a run with a control period (s)."""
+    def reset(self, period: float, rig: KnownRig | None = None) -> None:
+        """Begin a run with a control period (s), on a plant behind a rig; by default the file's."""
         self.guard.reset()
-        if hasattr(self.inner, "reset"):
-            self.inner.reset(period)
+        reset_controller(self.inner, period, rig)
+
+
+def reset_controller(controller: Any, period: float, rig: KnownRig | None = None) -> None:
+    """Let a controller, maybe a user's own, begin a run, if it has a method `reset`.
+
+    Parameters
+    ----------
+    controller : Any
+        The controller.
+    period : float
+        The control period (s).
+    rig : KnownRig, optional
+        The rig of the plant, for a `reset` with a parameter of this name; None is the file's.
+    """
+    reset = getattr(controller, "reset", None)
+    if reset is None:
+        return
+    try:
+        knows = "rig" in inspect.signature(reset).parameters
+    except (TypeError, ValueError):  # of a compiled function
+        knows = False
+    if knows:
+        reset(period, rig=rig)
+    else:
+        reset(period)
 
 
 @contextmanager
@@ -277,6 +356,8 @@ class InputGuard(Separate):
         Largest violation of the bounds by an accepted answer, before clipping.
     held : ndarray, (nu,)
         The last good input, read-only.
+    failed : FailedProblem or None
+        What the last fallback could not solve; None since `reset` without one.
     lock : RLock
         A call of the controller holds it, and `softdyn.validation.simulate` holds it for a whole
         run, so that threads that share a controller take turns.
@@ -309,6 +390,7 @@ class InputGuard(Separate):
         self.not_solved = 0
         self.fallbacks = 0
         self.max_bound_violation = 0.0
+        self.failed: FailedProblem | None = None
         self.held = np.clip(np.zeros_like(self.u_min), self.u_min, self.u_max)
         self.held.flags.writeable = False
 
@@ -346,11 +428,27 @@ class InputGuard(Separate):
         self.max_bound_violation = max(self.max_bound_violation, violation)
         return inside
 
-    def fall_back(self, status: Status, V: float, delta: float) -> Command:
-        """A command with the last good input; it counts as a fallback."""
+    def fall_back(
+        self,
+        status: Status,
+        V: float,
+        delta: float,
+        problem: tuple[np.ndarray, ...] | None = None,
+    ) -> Command:
+        """A command with the last good input; it counts as a fallback.
+
+        `problem` is the QP (H, g, A, lower, upper) that gave none, see `FailedProblem`; it is
+        copied.
+        """
+        self.failed = FailedProblem.of(status.value, problem)
         self.fallbacks += 1
         self.not_solved += status is Status.NOT_SOLVED
         return Command(self.held, V, delta, status)
+
+    def complete(self, state: State, reference: Reference) -> None:
+        """Add to the problem of the last fallback what it was made from."""
+        if self.failed is not None and self.failed.state is None:
+            self.failed = replace(self.failed, state=state, reference=reference)
 
 
 def guard_of(controller: object, model: SoftModel) -> InputGuard:

@@ -1,4 +1,7 @@
-"""Gains of the paper's controllers: its table (tab:controller_params), by bundled file."""
+"""Gains of the paper's controllers.
+
+The published values (the paper's table, tab:controller_params) stand in each controller's class.
+"""
 
 from __future__ import annotations
 
@@ -64,38 +67,6 @@ def check_fields(table: Any, name: str, positive: Collection[str]) -> None:
             raise InputError(f"{name}.{key}", kind, repr(value))
 
 
-_SPIROB = {
-    "clf-qp": Gains(500, 0.01),
-    "soft-id-clf-qp": Gains(500, 0.01, 1, 0.2, 0.5, 0.1),
-    "id-clf-qp": Gains(500, 0.01, 1, 0.2, 0.5, 0.1),
-    "ic": Gains(500, 0.01),
-    "uic": Gains(500, 0.01),
-    "ic-qp": Gains(2000, 0.01, 1, 0.2, 0.5, 0.1),
-}
-# The paper's table lacks w4 of IC-QP; these values are the reference code's. It also lacks the hard
-# ID-CLF-QP, which takes the soft one's row.
-PUBLISHED: dict[str, dict[str, Gains]] = {
-    "finger": {
-        "clf-qp": Gains(500, 0.05),
-        "soft-id-clf-qp": Gains(500, 0.03, 1, 0.2, 0.2, 0.1),
-        "id-clf-qp": Gains(500, 0.03, 1, 0.2, 0.2, 0.1),
-        "ic": Gains(500, 0.03),
-        "uic": Gains(500, 0.03),
-        "ic-qp": Gains(1500, 0.03, 1, 0.02, 0.2, 0.0),
-    },
-    "helix": {
-        "clf-qp": Gains(500, 0.05),
-        "soft-id-clf-qp": Gains(500, 0.05, 1, 0.1, 0.2, 0.1),
-        "id-clf-qp": Gains(500, 0.05, 1, 0.1, 0.2, 0.1),
-        "ic": Gains(2000, 0.05),
-        "uic": Gains(1000, 0.05),
-        "ic-qp": Gains(500, 0.05, 1, 0.1, 0.2, 0.1),
-    },
-    "spirob": _SPIROB,
-    "spirob48": _SPIROB,
-}
-
-
 def no_actuator(model: SoftModel) -> InputError:
     """The error to raise about a robot without inputs."""
     expected = f"an <actuator> in {model.robot.path}, or in a file given with --annotations"
@@ -103,7 +74,10 @@ def no_actuator(model: SoftModel) -> InputError:
 
 
 def from_table(
-    model: SoftModel, controller: str, table: Mapping[str, Any], options: Collection[str] = ()
+    model: SoftModel,
+    published: Mapping[str, Gains],
+    table: Mapping[str, Any],
+    options: Collection[str] = (),
 ) -> Gains:
     """Gains from a table; for a bundled robot, missing fields take the published values.
 
@@ -111,8 +85,8 @@ def from_table(
     ----------
     model : SoftModel
         The robot.
-    controller : str
-        Name of the controller, as on the command line.
+    published : mapping
+        The controller's published gains, by bundled robot.
     table : mapping
         Fields of `Gains`.
     options : collection of str
@@ -125,9 +99,9 @@ def from_table(
     """
     names = [field.name for field in fields(Gains)]
     table = TomlTable(table, "gains").rest([*names, *options])
-    published = PUBLISHED.get(model.bundled or "", {}).get(controller)
-    if published is not None:
-        return replace(published, **table)
+    found = published.get(model.bundled or "")
+    if found is not None:
+        return replace(found, **table)
     if "Kp" not in table:
         robot = f"{model.robot.path}, which has no published gains"
         expected = f"a value of Kp (--gains FILE; softdyn check --gains proposes one) for {robot}"
@@ -135,8 +109,8 @@ def from_table(
     return Gains(**table)
 
 
-def resolve(model: SoftModel, controller: str, gains: Gains | None) -> Gains:
-    """`gains`, or the published ones of a bundled robot.
+def resolve(model: SoftModel, published: Mapping[str, Gains], gains: Gains | None) -> Gains:
+    """`gains`, or those of a bundled robot in a controller's published ones.
 
     Published gains belong to the bundled file, never to a robot that shares its name.
 
@@ -152,8 +126,8 @@ def resolve(model: SoftModel, controller: str, gains: Gains | None) -> Gains:
         bounds = f"u_min {model.u_min}, u_max {model.u_max}"
         raise InputError("model", "finite input bounds, lower <= upper", bounds)
     if gains is None:
-        table = PUBLISHED.get(model.bundled or "", {})
-        if controller not in table:
+        found = published.get(model.bundled or "")
+        if found is None:
             file = one_line(model.robot.path, 1000)
             raise InputError(
                 "gains", f"Gains(Kp=…) for {file}", None,
@@ -161,7 +135,7 @@ def resolve(model: SoftModel, controller: str, gains: Gains | None) -> Gains:
                 f"{file} --gains > FILE` writes (in Python Gains(Kp=…)), or use best, which needs "
                 "none.",
             )  # fmt: skip
-        return table[controller]
+        return found
     if not isinstance(gains, Gains):
         raise InputError("gains", "softdyn.controllers.Gains(Kp=…, …)", gains)
     return gains

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
 import numpy as np
 
 from softdyn import SoftModel, State
@@ -29,6 +31,17 @@ class IdClfQp(TaskLaw):
     """
 
     name = "id-clf-qp"
+    label = "ID-CLF-QP (hard)"
+    order = 3
+    # the paper's table lacks it: those of the soft one
+    published = MappingProxyType(
+        {
+            "finger": Gains(500, 0.03, 1, 0.2, 0.2, 0.1),
+            "helix": Gains(500, 0.05, 1, 0.1, 0.2, 0.1),
+            "spirob": Gains(500, 0.01, 1, 0.2, 0.5, 0.1),
+            "spirob48": Gains(500, 0.01, 1, 0.2, 0.5, 0.1),
+        }
+    )
 
     def _make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
         """The QP in u, with the decrease condition."""

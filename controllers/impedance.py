@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
 import numpy as np
 
 from softdyn import InputError, SoftModel, State
@@ -126,6 +128,16 @@ class Impedance(TaskLaw):
     """
 
     name = "ic"
+    label = "IC"
+    order = 4
+    published = MappingProxyType(
+        {
+            "finger": Gains(500, 0.03),
+            "helix": Gains(2000, 0.05),
+            "spirob": Gains(500, 0.01),
+            "spirob48": Gains(500, 0.01),
+        }
+    )
     project = False  # onto range(B)
 
     def _make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:
@@ -149,6 +161,16 @@ class UnderactuatedImpedance(Impedance):
     """
 
     name = "uic"
+    label = "UIC"
+    order = 5
+    published = MappingProxyType(
+        {
+            "finger": Gains(500, 0.03),
+            "helix": Gains(1000, 0.05),
+            "spirob": Gains(500, 0.01),
+            "spirob48": Gains(500, 0.01),
+        }
+    )
     project = True
 
 

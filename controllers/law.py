@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -33,10 +34,47 @@ class InputRule(Protocol):
         ...
 
 
-class TaskLaw(GuardedController):
+class NamedLaw(GuardedController):
+    """A controller of the package: with a line in `registry`, commands, tables and figures know it.
+
+    Attributes
+    ----------
+    horizon : float
+        The horizon (s) of its dynamics; 0 without one.
+    name : str
+        Its name on the command line and in logs.
+    label : str
+        Its name in tables and figures; empty where that is `name`.
+    order : int or None
+        Its place among the rows of the benchmark; None where `softdyn benchmark` leaves it out.
+    options : tuple of str
+        Names of further parameters of the class; a table of parameters may hold them too.
+    parameter_class : type or None
+        The class of its second argument, whose fields are the keys of a table of parameters.
+    needs_gains : bool
+        Whether a robot without published gains needs some from the user.
+    takes_barriers : bool
+        Whether the class has an argument `barriers`; any other gets a `SafetyFilter`.
+    factory : callable or None
+        Makes one from the class's arguments, where that is not the class.
+    """
+
+    horizon: float = 0.0
+    name = ""
+    label = ""
+    order: int | None = None
+    options: tuple[str, ...] = ()
+    parameter_class: type | None = None
+    needs_gains = False
+    takes_barriers = False
+    factory: ClassVar[Callable[..., Any] | None] = None
+
+
+class TaskLaw(NamedLaw):
     """A controller of the paper: a rule for the input, behind a guard.
 
-    A class of this kind has a `name`, and makes its rule in `_make_rule`.
+    A class of this kind has a `name`, and makes its rule in `_make_rule`. Its other
+    attributes are those of `NamedLaw`.
 
     Parameters
     ----------
@@ -49,10 +87,8 @@ class TaskLaw(GuardedController):
 
     Attributes
     ----------
-    name : str
-        Its name on the command line and in tables.
-    options : tuple of str
-        Names of further parameters of the class; a table of gains may hold them too.
+    published : mapping
+        Its published gains, by the name of the bundled robot.
     gains : Gains
         The controller's parameters.
     error : TaskRows
@@ -66,8 +102,9 @@ class TaskLaw(GuardedController):
         If there are no gains for this robot, or the robot has no inputs.
     """
 
-    name = ""
-    options: tuple[str, ...] = ()
+    needs_gains = True
+    parameter_class = Gains
+    published: Mapping[str, Gains] = MappingProxyType({})
 
     def __init__(
         self,
@@ -76,7 +113,7 @@ class TaskLaw(GuardedController):
         *,
         tasks: Sequence[Task] | None = None,
     ) -> None:
-        self.gains = resolve(model, self.name, gains)
+        self.gains = resolve(model, self.published, gains)
         self.guard = InputGuard(model.u_min, model.u_max, model.robot)
         self.error = error = task_error(model, self.gains, tasks)
         self._rule = self._make_rule(model, self.gains, error)

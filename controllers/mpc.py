@@ -22,13 +22,14 @@ from softdyn.checks import number, vector
 from softdyn.controllers.controller import (
     SILENT,
     Command,
-    GuardedController,
     InputGuard,
+    KnownRig,
     Status,
     first_of,
     warm_up,
 )
 from softdyn.controllers.gains import check_fields, no_actuator
+from softdyn.controllers.law import NamedLaw
 from softdyn.controllers.predictive.actuation import Actuation
 from softdyn.controllers.predictive.aim import Aim, ErrorAhead, TipAim, aim_of
 from softdyn.controllers.predictive.buckling import Pull, buckling_input
@@ -51,6 +52,7 @@ MOVES = 1e-3  # of the tip's most mobile direction: what moves less has no speed
 PATH = 0.1  # s, the horizon on a path that a buckled arm follows, and
 LAGS = 4.0  # of the actuators' lag more
 NO_DISTURBANCE = np.zeros(0)
+LINK = ("lag", "delay", "friction")  # of the actuators (s), and of the cables
 SHORTER = 5  # halvings of the horizon where the arm is unstable
 
 # M, K_t, D_t, B; the force, and p and q̇ at the point of linearisation
@@ -97,7 +99,7 @@ def resolve_parameters(given: MpcParameters | Mapping[str, Any] | None) -> MpcPa
     return TomlTable({} if given is None else given, "parameters").make(MpcParameters)
 
 
-class Mpc(GuardedController):
+class Mpc(NamedLaw):
     """min Σ ‖e_k‖² + speed² ‖q̇_k - v_k‖²_W + rate Σ ‖Δu‖²_R / steps  subject to u_min ≤ c ≤ u_max.
 
     W and R are one metric, the robot's dynamic stiffness over the horizon H at rest,
@@ -128,10 +130,11 @@ class Mpc(GuardedController):
         Control period T (s); `reset` sets another.
     lag, delay : float, optional
         Time constant (s) with which the inputs follow the commands, and time (s) from a state to
-        the begin of the command that answers it; by default the longest of the robot's file.
+        the begin of the command that answers it; by default those of the plant that `reset` names,
+        else the longest of the robot's file.
     friction : float or array_like, (tendons,), optional
         Coefficients of the cables' friction that the pulls make up for (`predictive.pulls`); by
-        default those of the robot's file. What they leave is part of d.
+        default as for lag and delay. What they leave is part of d.
     targets : RestTargets, optional
         Finds an equilibrium (q*, u*) for a set point at which the tip does not arrive: after 1 s
         farther than 5 mm away it is searched for, and 0.5 s later, or any second after, it acts if
@@ -158,6 +161,8 @@ class Mpc(GuardedController):
     """
 
     name = "mpc"
+    options = LINK
+    parameter_class = MpcParameters
     waits = False
 
     def __init__(
@@ -179,6 +184,7 @@ class Mpc(GuardedController):
         self.guard = InputGuard(model.u_min, model.u_max, model.robot)
         self.actuation = Actuation.of(model, delay, lag)
         self._pulls = FrictionPulls(model, friction)
+        self._given = delay, lag, friction
         self._filter = StateFilter(model, self.parameters.memory)
         self.targets = targets
         self._follow = PlanFollower(model, self.actuation.lag)
@@ -188,10 +194,8 @@ class Mpc(GuardedController):
         self._qp = DenseQp(size, size, guess=True)
         self.solvers = (self._qp,)
         self._pull: Pull | None = None
-        given, lag = self.parameters, self.actuation.lag
-        self._weigh = partial(
-            horizon_weights, model, KNOTS, speed=given.speed, rate=given.rate, lag=lag
-        )
+        given = self.parameters
+        self._weigh = partial(horizon_weights, model, KNOTS, speed=given.speed, rate=given.rate)
         with np.errstate(all="ignore"):
             least = None if targets is None else buckling_input(model)
             if least is not None:
@@ -206,18 +210,27 @@ class Mpc(GuardedController):
     def _weigh_rows(self, rows: np.ndarray | None) -> None:
         """The weights at set points and on paths, for the errors' rows (r, n) at rest."""
         given, lag = self.parameters, self.actuation.lag
-        self._usual = self._on_path = self._weigh(given.horizon, rows=rows)
+        self._usual = self._on_path = self._weigh(given.horizon, lag=lag, rows=rows)
         if self._pull is not None:
             horizon = min(given.horizon, PATH + LAGS * lag)
-            self._on_path = self._weigh(horizon, blind=True, rows=rows)
+            self._on_path = self._weigh(horizon, lag=lag, blind=True, rows=rows)
         self._shorter = [
-            self._weigh(given.horizon / 2**k, rows=rows) for k in range(1, SHORTER + 1)
+            self._weigh(given.horizon / 2**k, lag=lag, rows=rows) for k in range(1, SHORTER + 1)
         ]
 
-    def reset(self, period: float) -> None:
-        """Begin a run with a control period (s): forget the input applied, the estimated forces."""
+    def reset(self, period: float, rig: KnownRig | None = None) -> None:
+        """Begin a run with a control period (s): forget the input applied, the estimated forces.
+
+        Parameters
+        ----------
+        period : float
+            Control period (s).
+        rig : KnownRig, optional
+            The rig of the plant, for what was not given; by default the file's.
+        """
         self.period = number("period", period, above=0.0)
         self.guard.reset()
+        self._drive(rig)
         self.actuation.reset(self.period, self.guard.held)
         self._filter.reset(self.period)
         if self._pull is not None:
@@ -227,7 +240,21 @@ class Mpc(GuardedController):
         self._weighed = not self._aim.tasks
         self._away = 0.0  # s
         self._asked = self._found = False
-        self._follow.reset(self.period)
+        self._follow.reset(self.period, self.actuation.lag)
+
+    def _drive(self, rig: KnownRig | None) -> None:
+        """Take lag, delay and friction of a rig where they are not given."""
+        delay, lag, friction = self._given
+        before, self.actuation = self.actuation, Actuation.of(self._model, delay, lag, rig)
+        self._pulls = FrictionPulls(self._model, friction, rig)
+        if self.actuation.lag != before.lag:
+            with np.errstate(all="ignore"):
+                self._weigh_rows(None)
+
+    @property
+    def buckles(self) -> bool:
+        """Whether it pulls the robot into buckled shapes on paths: with targets alone."""
+        return self._pull is not None
 
     @property
     def planning(self) -> bool:
@@ -299,9 +326,11 @@ class Mpc(GuardedController):
                 break
         knots = len(KNOTS)
         lower, upper = np.tile(model.u_min - u, knots), np.tile(model.u_max - u, knots)
-        solution = self._qp.solve(QpProblem(H, g, weights.rows, lower, upper))
+        problem = QpProblem(H, g, weights.rows, lower, upper)
+        solution = self._qp.solve(problem)
         if solution is None or not solution.solved:
-            return self._fall_back(Status.NON_FINITE if solution is None else Status.NOT_SOLVED)
+            status = Status.NON_FINITE if solution is None else Status.NOT_SOLVED
+            return self._fall_back(status, problem)
         x = solution.x
         V = max(0.0, float(x @ (0.5 * (H @ x) + g)) + c)
         share = min(1.0, self.period / (KNOTS[0] * weights.step))
@@ -409,12 +438,12 @@ class Mpc(GuardedController):
         pace: np.ndarray = ((ydot @ left) * inverse) @ right
         return pace
 
-    def _fall_back(self, status: Status) -> Command:
+    def _fall_back(self, status: Status, problem: QpProblem | None = None) -> Command:
         self._present = None
         self._filter.forget()
         if not np.isfinite(self._filter.force).all():
             self._filter.reset(self.period)
-        command = self.guard.fall_back(status, np.nan, np.nan)
+        command = self.guard.fall_back(status, np.nan, np.nan, problem)
         self.actuation.send(command.u)
         return command
 

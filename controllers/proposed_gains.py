@@ -8,7 +8,8 @@ and soft ID-CLF-QP away from its bounds is linear: it minimises
 
     w1 ‖J (q̈ + K_d δq̇ + K_p δq)‖² + w2 ‖q̈‖² + w3 ‖u* + δu‖² + w4 ‖N (q̈ + d δq̇)‖²
 
-subject to the actuated rows U (M q̈ + D δq̇ + K_t δq) = U B δu; the rows of U span range(B). (The
+subject to the actuated rows U (M q̈ + D δq̇ + K_t δq) = U B δu; the rows of U span range(B). Over a
+horizon τ, M + τ D + τ² K' replaces M in these rows, and D + τ K' replaces D; K' = ∂K/∂q. (The
 Lyapunov function is quadratic in the error, so its row has no part of first order.) The input is
 held for a control period. So each K_p gives a matrix of the closed loop, whose spectral radius is
 the slowest decay, and a distance at which the tip comes to rest, because w3 ‖u‖² pulls.
@@ -17,7 +18,7 @@ the slowest decay, and a distance at which the tip comes to rest, because w3 ‖
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,9 +28,11 @@ from softdyn import InputError, SoftModel, statics
 from softdyn.checks import number
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.qps.linear_algebra import RANK_TOLERANCE
+from softdyn.formats import KEY, TOML
 from softdyn.statics import Equilibrium
 
 PLACES = 4  # equilibria besides the rest
+UNSTABLE = -0.1  # 1/s: a decay below it is no rounding of a mode that the controller leaves alone
 SHARE = 0.6  # √K_p over the lowest natural frequency of the robot: faster gains throw slow modes
 SAMPLED = 0.1  # largest √K_p times the control period
 PULLED = 2e-3  # of the robot's length: how far ‖u‖² may pull the tip from its target
@@ -90,7 +93,7 @@ class ProposedGains:
     def toml(self) -> str:
         """The gains as TOML, the reason as its comment."""
         lines = [f"{name} = {value:.4g}" for name, value in vars(self.gains).items()]
-        return "\n".join([f"# {self.reason}", *lines])
+        return "\n".join([f"# {self.reason}", f'{KEY} = "{TOML}"', *lines])
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data."""
@@ -118,7 +121,7 @@ def propose(model: SoftModel, period: float = 0.002) -> ProposedGains:
         If the robot has no equilibrium.
     """
     period = number("period", period, above=0.0)
-    resolve(model, "", Gains(1.0))  # it may refuse the robot
+    resolve(model, {}, Gains(1.0))  # it may refuse the robot
     found = [statics.rest(model), *statics.spread_rests(model, PLACES)]
     places = [_Place.of(one, period) for one in found if not one.held.all()]
     if not places:
@@ -143,7 +146,7 @@ def propose(model: SoftModel, period: float = 0.002) -> ProposedGains:
     )  # fmt: skip
 
 
-def advice(one: Equilibrium, gains: Gains, period: float) -> str:
+def advice(one: Equilibrium, gains: Gains, period: float, horizon: float = 0.0) -> str:
     """A line about gains for a target that was missed, from the equilibrium nearest to it.
 
     Parameters
@@ -154,9 +157,19 @@ def advice(one: Equilibrium, gains: Gains, period: float) -> str:
         Those of soft ID-CLF-QP.
     period : float
         Control period (s).
+    horizon : float
+        Its τ (s).
     """
     place = _Place.of(one, period)
     decay, offset = place.closed(gains, period)
+    over = place.over(horizon).closed(gains, period)
+    if over[0] < UNSTABLE <= decay or over[1] > 2 * max(offset, PULLED * one.model.robot.length):
+        fault = (
+            f"makes the loop unstable, by {-over[0]:.2g} 1/s" if over[0] < UNSTABLE
+            else f"lets w3 pull the tip {1e3 * over[1]:.2g} mm from its target"
+        )  # fmt: skip
+        return f"the horizon of {1e3 * horizon:.3g} ms {fault}: horizon = 0"
+    decay, offset = over
     rate, most = math.sqrt(gains.Kp), SHARE * place.frequency
     if rate * period > SAMPLED:
         return f"Kp = {gains.Kp:g} is too large for a period of {period:g} s"
@@ -177,6 +190,8 @@ class _Place:
     """The robot linearised at an equilibrium, on its free joints.
 
     `step` is the exact motion of (δq, δq̇) over a period, and `push` that by an input that is held.
+    `neutral` counts the directions without stiffness. M and D are the controller's, the robot's own
+    or those over a horizon; K' is `springs`.
     """
 
     M: np.ndarray
@@ -187,6 +202,8 @@ class _Place:
     u: np.ndarray
     step: np.ndarray
     push: np.ndarray
+    neutral: int
+    springs: np.ndarray
 
     @classmethod
     def of(cls, one: Equilibrium, period: float) -> _Place:
@@ -200,13 +217,21 @@ class _Place:
         A[n : 2 * n] = np.linalg.solve(M, np.hstack([-stiffness, -D, B]))
         motion = expm(A * period)[: 2 * n]
         return cls(
-            M, D, stiffness, B, state.J[:, free], one.u, motion[:, : 2 * n], motion[:, 2 * n :]
-        )
+            M, D, stiffness, B, state.J[:, free], one.u, motion[:, : 2 * n], motion[:, 2 * n :],
+            one.loose.shape[1], one.model.tangent_stiffness(one.q)[block],
+        )  # fmt: skip
+
+    def over(self, horizon: float) -> _Place:
+        """With the dynamics over a horizon τ (s), for `closed`; see `qps.horizon`."""
+        M = self.M + horizon * self.D + horizon**2 * self.springs
+        return replace(self, M=M, D=self.D + horizon * self.springs)
 
     @property
     def frequency(self) -> float:
-        """The lowest natural frequency (rad/s)."""
-        return math.sqrt(max(eigh(self.stiffness, self.M, eigvals_only=True)[0], 0.0))
+        """The lowest natural frequency (rad/s); a direction without stiffness has none."""
+        squares = eigh(self.stiffness, self.M, eigvals_only=True)
+        firm = squares[np.argsort(np.abs(squares))[self.neutral :]]
+        return math.sqrt(max(firm.min(), 0.0)) if firm.size else 0.0
 
     @property
     def pull(self) -> float:

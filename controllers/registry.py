@@ -5,8 +5,9 @@ from __future__ import annotations
 import importlib.util
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -17,19 +18,50 @@ from softdyn.controllers.gains import from_table
 from softdyn.controllers.id_clf_qp import IdClfQp
 from softdyn.controllers.impedance import Impedance, UnderactuatedImpedance
 from softdyn.controllers.impedance_qp import ImpedanceQp
+from softdyn.controllers.law import NamedLaw
 from softdyn.controllers.mpc import Mpc
 from softdyn.controllers.soft_id_clf_qp import SoftIdClfQp
-from softdyn.controllers.staged import Staged, best
+from softdyn.controllers.staged import Best
+from softdyn.copies import keep_making, making_of
 from softdyn.exceptions import own_frames
 
-# command-line name → class; these take `softdyn.controllers.Gains`
-CONTROLLERS: dict[str, Any] = {
-    controller.name: controller
-    for controller in (SoftIdClfQp, IdClfQp, ClfQp, Impedance, UnderactuatedImpedance, ImpedanceQp)
+# A new controller of the package gets a line here. All else that commands, tables and figures ask
+# of it are attributes of its class.
+_LAWS: tuple[type[NamedLaw], ...] = (
+    SoftIdClfQp,
+    IdClfQp,
+    ClfQp,
+    Impedance,
+    UnderactuatedImpedance,
+    ImpedanceQp,
+    Best,
+    Mpc,
+)
+# command-line name → class
+LAWS: dict[str, Any] = {law.name: law for law in _LAWS}
+# those that need gains on a robot without published ones
+CONTROLLERS: dict[str, Any] = {name: law for name, law in LAWS.items() if law.needs_gains}
+BEYOND: dict[str, Callable[..., Any]] = {
+    name: law.factory or law for name, law in LAWS.items() if not law.needs_gains
 }
-# not in the paper; neither needs gains
-LINK = ("lag", "delay", "friction")  # of their actuators (s), and of their cables
-BEYOND: dict[str, Callable[..., Any]] = {Staged.name: best, Mpc.name: Mpc}
+
+
+def in_table() -> tuple[str, ...]:
+    """The names of the controllers of the benchmark, in its order."""
+    shown = [law for law in LAWS.values() if law.order is not None]
+    return tuple(law.name for law in sorted(shown, key=lambda law: law.order))
+
+
+def label_of(name: str) -> str:
+    """A controller's name in tables and figures; any other name is unchanged."""
+    return (name in LAWS and LAWS[name].label) or name
+
+
+def keys_of(name: str) -> tuple[str, ...]:
+    """The keys of a table of parameters of a controller of the package."""
+    law = LAWS[name]
+    own = () if law.parameter_class is None else fields(law.parameter_class)
+    return (*(field.name for field in own), *law.options)
 
 
 def find_controller(name: str) -> Callable[..., Any]:
@@ -46,7 +78,7 @@ def find_controller(name: str) -> Callable[..., Any]:
         return BEYOND[name]
     file, colon, kind = name.rpartition(":")
     if not colon or not file.endswith(".py"):
-        known = [*CONTROLLERS, *BEYOND]
+        known = [*LAWS]
         expected = f"{', '.join(known)} or FILE.py:CLASS"
         raise InputError("controller", expected, did_you_mean(name, known))
     module = _load(file)
@@ -77,9 +109,9 @@ def make_controller(
         A name as for `find_controller`.
     model : SoftModel
     parameters : Any
-        Second argument of the class, if not None. For a controller of the paper it is a table with
-        its `options` and with fields of `Gains`, which replace the published ones. A table for
-        ``best`` or ``mpc`` may also have ``lag``, ``delay`` and ``friction``.
+        Second argument of the class, if not None. For a controller of the package it may be a table
+        with the class's `options` and with fields of its `parameter_class`; those of `Gains`
+        replace the published ones.
     cls : Callable, optional
         The class of the name, if it is known already.
     source : str, optional
@@ -94,29 +126,39 @@ def make_controller(
         error.
     """
     make = find_controller(name) if cls is None else cls
-    where = nullcontext() if source is None else _errors_of(source)
+    where = nullcontext() if source is None else _errors_of(source, more)
     with where, one_line_errors(name, "a controller"):
-        if parameters is None:
-            return make(model, **more)
-        paper = name in CONTROLLERS
-        if not isinstance(parameters, Mapping) or not (paper or name in BEYOND):
-            return make(model, parameters, **more)
-        own = CONTROLLERS[name].options if paper else LINK
-        rest = {key: value for key, value in parameters.items() if key not in own}
-        options = {key: value for key, value in parameters.items() if key in own}
-        gains = from_table(model, name, rest, own) if paper else rest or None
-        return make(model, gains, **options, **more)
+        arguments, options = _arguments(name, model, parameters)
+        made = make(model, *arguments, **options, **more)
+    if making_of(made) is None:
+        keep_making(made, make, (model, *arguments), {**options, **more})
+    return made
+
+
+def _arguments(name: str, model: SoftModel, parameters: Any) -> tuple[tuple[Any, ...], Any]:
+    """The arguments of a class besides the model, from a table of its parameters."""
+    if parameters is None:
+        return (), {}
+    law = LAWS.get(name)
+    if not isinstance(parameters, Mapping) or law is None:
+        return (parameters,), {}
+    rest = {key: value for key, value in parameters.items() if key not in law.options}
+    options = {key: value for key, value in parameters.items() if key in law.options}
+    gains: Any = rest or None
+    if law.needs_gains:
+        gains = from_table(model, law.published, rest, law.options)
+    return (gains,), options
 
 
 @contextmanager
-def _errors_of(source: str) -> Iterator[None]:
-    """Add the file of a controller's parameters to an error about them."""
+def _errors_of(source: str, others: Collection[str]) -> Iterator[None]:
+    """Add the file of a controller's parameters to an error about them, not about `others`."""
     try:
         yield
     except InputError as error:
-        if is_own(error.name):  # it says which line of the user's code
+        if error.name in others or is_own(error.name):  # or it says the line of the user's code
             raise
-        raise InputError(f"{source}: {error.name}", error.expected, error.got) from None
+        raise error.about(f"{source}: {error.name}") from None
 
 
 @contextmanager

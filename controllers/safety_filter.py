@@ -11,15 +11,12 @@ import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.checks import number
-from softdyn.controllers.barriers import BarrierRows, ControlBarrier
-from softdyn.controllers.controller import Command, WrappingController
-from softdyn.controllers.gains import Gains, resolve
-from softdyn.controllers.qps.horizon import Horizon
+from softdyn.controllers.barriers import LOOKAHEAD, BarrierRows, ControlBarrier
+from softdyn.controllers.channels import values_of
+from softdyn.controllers.controller import Command, KnownRig, WrappingController
 from softdyn.controllers.qps.qp import QpProblem, QpSolution
-from softdyn.controllers.soft_id_clf_qp import SoftIdClfQp
+from softdyn.copies import keep_making, making_of
 from softdyn.safety import Surroundings
-
-HORIZON = 0.02  # s
 
 
 class SafetyFilter(WrappingController):
@@ -62,7 +59,7 @@ class SafetyFilter(WrappingController):
         model: SoftModel,
         barriers: Sequence[ControlBarrier],
         *,
-        horizon: float = HORIZON,
+        horizon: float = LOOKAHEAD,
     ) -> None:
         super().__init__(controller, model, "{} among obstacles")
         if not barriers:
@@ -70,14 +67,13 @@ class SafetyFilter(WrappingController):
         horizon = number("horizon", horizon, lower=0.0)
         self.changed = 0
         self.barrier_rows = BarrierRows(model, barriers, horizon)
-        self._horizon = Horizon(model, horizon)
         span = model.u_max - model.u_min
         self._weight = 1 / np.where(span > 0, span, 1.0) ** 2
         self._H, self._A = np.diag(self._weight), np.eye(model.nu)
 
-    def reset(self, period: float) -> None:
-        """Begin a run with a control period (s)."""
-        super().reset(period)
+    def reset(self, period: float, rig: KnownRig | None = None) -> None:
+        """Begin a run with a control period (s), on a plant behind a rig; by default the file's."""
+        super().reset(period, rig)
         self.barrier_rows.reset(period)
         self.changed = 0
 
@@ -88,37 +84,29 @@ class SafetyFilter(WrappingController):
             self._H, -self._weight * wanted, self._A, self.guard.u_min, self.guard.u_max
         )  # fmt: skip
         given = QpSolution(wanted, np.zeros(nu), 0.0, 0.0, 0.0)
-        found = self.barrier_rows.enforce(nearest, given, state, *self._horizon(state))
+        found = self.barrier_rows.enforce(nearest, given, state)
         u = wanted if found is None else found.x[:nu]
         if not np.array_equal(u, wanted):
             self.changed += 1
             if hasattr(self.inner, "applied"):
                 self.inner.applied(u)
         command = self.guard.accept(u, np.nan, np.nan, clamped=True)
-        return replace(answer, u=command.u) if isinstance(answer, Command) else command
+        if isinstance(answer, Command):
+            return replace(answer, u=command.u)
+        return replace(command, values=values_of(self.channels, answer))
 
 
 def with_barriers(make: Callable[..., Any], around: Surroundings | None) -> Callable[..., Any]:
     """`make`, a class or another callable, whose controllers keep clear of obstacles if any.
 
-    `SoftIdClfQp` gets barriers of its own, any other controller a filter.
+    A class that `takes_barriers` gets them, any other controller a filter. Neither changes the
+    controller where no barrier acts; in particular no obstacle switches a horizon on.
     """
     if around is None:
         return make
-    if make is SoftIdClfQp:
-        return partial(_with_barriers, around.barriers)
+    if getattr(make, "takes_barriers", False):
+        return partial(make, barriers=around.barriers)
     return partial(_filtered, make, around.barriers)
-
-
-def _with_barriers(
-    barriers: Sequence[ControlBarrier],
-    model: SoftModel,
-    gains: Gains | None = None,
-    **options: Any,
-) -> SoftIdClfQp:
-    """The law with barriers, by default over a horizon of ε of its gains."""
-    usual = {"horizon": resolve(model, SoftIdClfQp.name, gains).eps}
-    return SoftIdClfQp(model, gains, barriers=barriers, **usual | options)
 
 
 def _filtered(
@@ -128,4 +116,7 @@ def _filtered(
     *arguments: Any,
     **options: Any,
 ) -> SafetyFilter:
-    return SafetyFilter(make(model, *arguments, **options), model, barriers)
+    inner = make(model, *arguments, **options)
+    if making_of(inner) is None:
+        keep_making(inner, make, (model, *arguments), options)
+    return SafetyFilter(inner, model, barriers)

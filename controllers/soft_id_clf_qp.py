@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import MappingProxyType
 
 import numpy as np
 
 from softdyn import SoftModel
 from softdyn.checks import array, number
-from softdyn.controllers.barriers import BarrierRows, ControlBarrier
+from softdyn.controllers.barriers import LOOKAHEAD, BarrierRows, ControlBarrier
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import InputRule, TaskLaw
 from softdyn.controllers.qps.horizon import Horizon
@@ -31,7 +32,8 @@ class SoftIdClfQp(TaskLaw):
         The input that has no cost: w3 ‖u - u_ref‖². A tension in all cables keeps co-contracted
         shapes from relaxing, see `docs/beyond.md`; 0 in the paper.
     barriers : sequence of ControlBarrier
-        Obstacles and limits, see `barriers`. Their rows hold over the horizon and over a period.
+        Obstacles and limits, see `barriers`. Their rows hold over a control period, and over the
+        horizon, or 20 ms without one. Where no row acts, the input is the one without barriers.
 
     Attributes
     ----------
@@ -46,7 +48,18 @@ class SoftIdClfQp(TaskLaw):
     """
 
     name = "soft-id-clf-qp"
+    label = "Soft ID-CLF-QP"
+    order = 2
+    published = MappingProxyType(
+        {
+            "finger": Gains(500, 0.03, 1, 0.2, 0.2, 0.1),
+            "helix": Gains(500, 0.05, 1, 0.1, 0.2, 0.1),
+            "spirob": Gains(500, 0.01, 1, 0.2, 0.5, 0.1),
+            "spirob48": Gains(500, 0.01, 1, 0.2, 0.5, 0.1),
+        }
+    )
     options = ("horizon", "u_ref")
+    takes_barriers = True
 
     def __init__(
         self,
@@ -58,11 +71,12 @@ class SoftIdClfQp(TaskLaw):
         barriers: Sequence[ControlBarrier] = (),
         tasks: Sequence[Task] | None = None,
     ) -> None:
-        gains = resolve(model, self.name, gains)
+        gains = resolve(model, self.published, gains)
         self.horizon = number("horizon", horizon, lower=0.0)
         given = [u_ref] * model.nu if np.ndim(u_ref) == 0 else u_ref
         self.u_ref = array("u_ref", given, (model.nu,))
-        self.barrier_rows = BarrierRows(model, barriers, self.horizon) if barriers else None
+        over = self.horizon or LOOKAHEAD
+        self.barrier_rows = BarrierRows(model, barriers, over) if barriers else None
         super().__init__(model, gains, tasks=tasks)
 
     def _make_rule(self, model: SoftModel, gains: Gains, error: TaskRows) -> InputRule:

@@ -11,14 +11,17 @@ import numpy as np
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.actuation import Capstan
 from softdyn.checks import number
-from softdyn.controllers.controller import Command, GuardedController
-from softdyn.controllers.mpc import DEFAULT_PERIOD, Mpc
+from softdyn.controllers.controller import Command, GuardedController, KnownRig, WrappingController
+from softdyn.controllers.law import NamedLaw
+from softdyn.controllers.mpc import DEFAULT_PERIOD, LINK, Mpc
 from softdyn.controllers.predictive.actuation import Actuation
 from softdyn.controllers.predictive.compensated import Compensated
+from softdyn.controllers.predictive.pulls import FrictionPulls
 from softdyn.controllers.predictive.rest_target import RestTargets
 from softdyn.controllers.qps.stacked_error import checked_tasks
 from softdyn.controllers.schedule import Schedule, make_schedule, tuned
 from softdyn.controllers.soft_id_clf_qp import SoftIdClfQp
+from softdyn.copies import keep_making
 from softdyn.dynamics.model import check_model
 from softdyn.tasks.task import Task
 
@@ -94,6 +97,80 @@ class Staged(GuardedController):
         return self.stages[self._staying]._command(state, reference)
 
 
+class Best(WrappingController, NamedLaw):
+    """`Staged` on a plant whose actuators act at once, `Mpc` with targets from statics elsewhere.
+
+    Each `reset` chooses by the lag and the delay of the plant. If the cables rub, `Compensated`
+    makes up for it. `best` makes one for a robot that has a tuned schedule.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    schedule : Schedule
+        Its schedule.
+    lag, delay, friction
+        As for `best`.
+    period : float
+        Control period (s); `reset` sets another.
+    """
+
+    name = Staged.name
+    order = 7
+    options = LINK
+    parameter_class = Schedule
+
+    def __init__(
+        self,
+        model: SoftModel,
+        schedule: Schedule,
+        lag: float | None = None,
+        delay: float | None = None,
+        friction: np.ndarray | float | None = None,
+        period: float = DEFAULT_PERIOD,
+    ) -> None:
+        self._model, self._lag, self._delay, self._friction = model, lag, delay, friction
+        self._staged = Staged(model, schedule)
+        self._predictive: Mpc | None = None
+        super().__init__(self._staged, model, Staged.name)
+        self.guard = self._staged.guard  # all that take turns share it
+        self.reset(period)
+
+    def reset(self, period: float, rig: KnownRig | None = None) -> None:
+        """Begin a run with a control period (s), on a plant behind a rig; by default the file's."""
+        model, lag, delay, friction = self._model, self._lag, self._delay, self._friction
+        link = Actuation.of(model, delay, lag, rig)
+        if link.lag > 0 or link.delay > 0:
+            if self._predictive is None:
+                self._predictive = Mpc(
+                    model, lag=lag, delay=delay, friction=friction, targets=RestTargets(model)
+                )
+                self._predictive.guard = self.guard
+            self.inner = self._predictive
+        else:
+            self.inner = self._staged
+            if FrictionPulls(model, friction, rig).rubs:
+                self.inner = Compensated(
+                    self._staged, model, lag=lag, delay=delay, friction=friction
+                )
+                self.inner.guard = self.guard
+        super().reset(period, rig)
+
+    @property
+    def planning(self) -> bool:
+        """Whether targets or a plan are searched in the background."""
+        return bool(getattr(self.inner, "planning", False))
+
+    def applied(self, u: np.ndarray) -> None:
+        """The input u (nu,) was sent instead of the last command's."""
+        if hasattr(self.inner, "applied"):
+            self.inner.applied(u)
+
+    def _command(self, state: State, reference: Reference | SetPoint) -> Command:
+        command: Command = self.inner(state, reference)
+        return command
+
+
 def best(
     model: SoftModel,
     gains: Any = None,
@@ -102,11 +179,11 @@ def best(
     delay: float | None = None,
     friction: np.ndarray | float | None = None,
     tasks: Sequence[Task] | None = None,
-) -> Staged | Mpc | Compensated:
+) -> Best | Staged | Mpc | Compensated:
     """The recommended controller: `Mpc` with targets from statics, `Staged` if there is a schedule.
 
     A schedule is for the tip and actuators that act at once: with tasks, a lag or a delay it is not
-    used. If the cables rub, `Compensated` makes up for it.
+    used. If the cables rub, `Compensated` makes up for it. A `Best` chooses by the plant.
 
     Parameters
     ----------
@@ -115,9 +192,10 @@ def best(
     gains : Schedule or mapping, optional
         A schedule or its tables. The tuned one is used if there is one and no other is given.
     lag, delay : float, optional
-        Lag and delay of the actuators (s); by default those of the robot's file, see `Mpc`.
+        Lag and delay of the actuators (s); by default those of the plant where `simulate` or
+        another loop resets the controller, else those of the robot's file, see `Mpc`.
     friction : float or array_like, (tendons,), optional
-        Coefficients of the cables' friction; by default those of the robot's file, see `Mpc`.
+        Coefficients of the cables' friction; by default as for lag and delay.
     tasks : sequence of softdyn.tasks.Task, optional
         Tasks of one level; by default the position of the tip.
 
@@ -126,15 +204,23 @@ def best(
     InputError
         A schedule together with tasks, a lag or a delay, and whatever the controller raises.
     """
-    link = Actuation.of(check_model(model), delay, lag)
-    other = link.lag > 0 or link.delay > 0 or not checked_tasks(model, tasks)[1]
-    if other and gains is not None:
-        raise InputError("gains", "none, for tasks, a lag or a delay", repr(gains))
-    schedule = tuned(model) if gains is None and not other else gains
-    if schedule is None:
+    check_model(model)
+    with_tasks = not checked_tasks(model, tasks)[1]
+    if gains is not None:
+        link = Actuation.of(model, delay, lag)
+        if link.lag > 0 or link.delay > 0 or with_tasks:
+            raise InputError("gains", "none, for tasks, a lag or a delay", repr(gains))
+        staged = Staged(model, gains)
+        if not len(Capstan(model, friction).tendon):
+            return staged
+        return Compensated(staged, model, lag=0.0, delay=0.0, friction=friction)
+    schedule, late = tuned(model), bool(lag or delay)
+    if schedule is None or late or with_tasks:
         targets = RestTargets(model)
         return Mpc(model, lag=lag, delay=delay, friction=friction, targets=targets, tasks=tasks)
-    staged = Staged(model, schedule)
-    if not len(Capstan(model, friction).tendon):
-        return staged
-    return Compensated(staged, model, lag=lag, delay=delay, friction=friction)
+    chosen = Best(model, schedule, lag, delay, friction)
+    keep_making(chosen, best, (model,), {"lag": lag, "delay": delay, "friction": friction})
+    return chosen
+
+
+Best.factory = best

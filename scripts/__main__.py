@@ -44,7 +44,8 @@ def main(argv: list[str] | None = None) -> int:
         expected = "a command that `softdyn` lists"
         print(f"error: command: expected {expected}, got {got}", file=sys.stderr)
         return cli.BAD_INPUT
-    module = importlib.import_module(f"softdyn.commands.{module_name}")
+    with cli.ends_at_once():
+        module = importlib.import_module(f"softdyn.commands.{module_name}")
     module.parser.prog = f"softdyn {spelt(module_name)}"
     code: int = module.main(rest)
     return code

@@ -9,7 +9,6 @@ from time import perf_counter
 from softdyn.commands import cli, study_options
 
 ROBOTS = ("finger", "helix", "spirob")
-CONTROLLERS = ("clf-qp", "soft-id-clf-qp", "id-clf-qp", "ic", "uic", "ic-qp", "best")
 EPILOG = """\
 Robots and controllers are named as in run.py. A controller of your own is FILE.py:CLASS, a robot of
 your own a URDF. A robot without published gains needs a controller that brings its own gains.
@@ -30,7 +29,7 @@ exit codes: 0 every case ran, failed loops included; 1 a process was killed; 2 b
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("--robots", nargs="+", default=ROBOTS, metavar="ROBOT")
-parser.add_argument("--controllers", nargs="+", default=CONTROLLERS, metavar="CONTROLLER")
+parser.add_argument("--controllers", nargs="+", metavar="CONTROLLER")
 parser.add_argument(
     "--thetas", nargs="*", type=cli.finite, metavar="T", help="set points, multiples of pi"
 )
@@ -55,6 +54,7 @@ parser.unused("--ensemble", lambda a: a.plots, "--plots runs nothing")
 def command(arguments: cli.Arguments) -> int:
     """Run the missing cases, then write table and figures."""
     from softdyn import InputError
+    from softdyn.controllers.registry import in_table
     from softdyn.validation.studies import benchmark
     from softdyn.validation.studies.benchmark_table import (
         EMULATED,
@@ -65,9 +65,8 @@ def command(arguments: cli.Arguments) -> int:
 
     began = perf_counter()
     out, jobs = Path(arguments.out), arguments.jobs or -1
-    cases = benchmark.grid(
-        arguments.robots, arguments.controllers, arguments.thetas, arguments.omegas
-    )
+    controllers = in_table() if arguments.controllers is None else arguments.controllers
+    cases = benchmark.grid(arguments.robots, controllers, arguments.thetas, arguments.omegas)
     if not cases:
         raise InputError("--thetas, --omegas", "at least one of one of them", "none")
     if arguments.plots:

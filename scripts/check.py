@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Describe the robot of a file, and warn of numbers that look wrong."""
+"""Describe a robot and warn of numbers that look wrong; or test a class of your own."""
 
 from __future__ import annotations
 
@@ -21,22 +21,42 @@ listed.
 --gains FILE`. They are for soft-id-clf-qp with the control period of --period, from the robot's
 motion near a few equilibria; a comment tells why. docs/your_robot.md shows an example.
 
-exit codes: 0 no number looks wrong; 1 some numbers look wrong; 2 bad input.
+FILE.py:CLASS [ROBOT] tests instead a class of your own with a robot (finger by default). Its
+methods tell its kind: a controller, a plant, a driver, a task, a barrier, an observer or a
+reference; --as decides. A line is printed for each rule of the kind. For a rule that is broken it
+has the call that shows it. A driver is started, gets relaxed commands, and is stopped.
+
+exit codes: 0 no number looks wrong, or every rule is kept; 1 otherwise; 2 bad input.
 """
 
+OWN = ".py:"
+TIMED = ("controller", "observer")  # kinds with a period
 
 parser = cli.Parser(__doc__, EPILOG)
-parser.add_argument("robot", metavar="ROBOT")
+parser.add_argument("robot", metavar="ROBOT", help="or FILE.py:CLASS, a class of your own")
+parser.add_argument("of", nargs="?", metavar="ROBOT", help="the robot of your class")
+parser.add_argument("--as", dest="kind", metavar="KIND", help="the kind of your class")
 parser.option("--samples", cli.count, "N", "random poses", 100)
 parser.add_argument("--gains", action="store_true", help="propose gains, as TOML")
-parser.option("--period", cli.positive, "S", "control period of the gains in s", 0.002)
+parser.option(
+    "--period", cli.positive, "S", "control period of the gains or your class in s", 0.002
+)
 cli.add_robot_options(parser)
 cli.add_json(parser)
-parser.unused("--period", lambda a: not a.gains, "only --gains has a control period")
+parser.unused(
+    "--period", lambda a: not (a.gains or OWN in a.robot), "only --gains and a class have one"
+)
+parser.unused("--as", lambda a: OWN not in a.robot, "only a class of your own has a kind")
 
 
 def command(arguments: cli.Arguments) -> int:
     """Load, examine, report."""
+    if OWN in arguments.robot:
+        return check_class(arguments)
+    if arguments.of is not None:
+        from softdyn import InputError
+
+        raise InputError("check", "one ROBOT, or FILE.py:CLASS and a ROBOT", arguments.of)
     import warnings
 
     from softdyn.statics import diagnose
@@ -54,6 +74,21 @@ def command(arguments: cli.Arguments) -> int:
     found = diagnose(model, arguments.samples)
     cli.write_report(found.to_dict(), arguments.json, str(found))
     return cli.FAILED if found.doubts else cli.PASSED
+
+
+def check_class(arguments: cli.Arguments) -> int:
+    """Test a class of the user's own."""
+    from softdyn import testing
+    from softdyn.controllers import find_controller
+
+    subject = find_controller(arguments.robot)
+    kind = testing.kind_of(subject) if arguments.kind is None else arguments.kind
+    arguments.robot = arguments.of or "finger"
+    model = cli.load_robot(arguments)
+    timed = {"period": arguments.period} if parser.was_given("--period") and kind in TIMED else {}
+    found = testing.check(subject, model, kind, **timed)
+    cli.write_report(found.to_dict(), arguments.json, str(found))
+    return cli.PASSED if found.passed else cli.FAILED
 
 
 main = cli.program(parser, command, __name__)

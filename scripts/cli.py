@@ -45,6 +45,8 @@ class Parser(argparse.ArgumentParser):
         self.outputs: list[str] = []
         self._unused: list[tuple[list[str], Callable[[Arguments], bool], str]] = []
         self._given: set[str] = set()
+        self._settings: list[str] = []
+        self._instead: tuple[str, tuple[argparse.Action, ...], Any] | None = None
 
     def output(self, name: str, metavar: str, help: str) -> None:
         """Add an option for an output file, which `check_outputs` will check."""
@@ -55,23 +57,71 @@ class Parser(argparse.ArgumentParser):
         shown = f"{help} (default: %(default)s)"
         self.add_argument(name, type=kind, metavar=metavar, default=default, help=shown)
 
+    def settings(self, *names: str, without: Sequence[str] = (), **help: str) -> None:
+        """Add the options of a run's settings, as `RunOptions` declares them.
+
+        Parameters
+        ----------
+        *names : str
+            The settings; by default all that a command can have.
+        without : sequence of str
+            Those that this command does not have.
+        **help : str
+            The help of a setting in this command, if it is not the declared one.
+        """
+        from softdyn.validation.loop.settings import declarations, default_of
+
+        for name, declared in declarations().items():
+            if declared.option and name in (names or (name,)) and name not in without:
+                said = f"{declared.help} ({declared.unit})" if declared.unit else declared.help
+                option = dict(declared.option)
+                if "type" in option:
+                    option["type"] = partial(_word, option["type"])
+                flag = declared.flag or f"--{name}"
+                option |= {"default": default_of(name), "help": help.get(name, said)}
+                added = self.add_argument(flag, dest=name, **option)
+                self._settings.append(added.dest)
+
+    def given(self, arguments: Arguments, explicit: bool = False) -> dict[str, Any]:
+        """The values of the settings that `settings` added: all, or only those of this call."""
+        found = {name: getattr(arguments, name) for name in self._settings}
+        return {
+            name: value for name, value in found.items()
+            if (name in self._given if explicit else value is not None)
+        }  # fmt: skip
+
+    def instead_of(self, option: str, *needed: argparse.Action, group: Any = None) -> None:
+        """Declare arguments, and a group, that are needed only in calls without an option."""
+        self._instead = option, needed, group
+
     def unused(self, options: str, when: Callable[[Arguments], bool], reason: str) -> None:
         """Declare options, separated by spaces, that the command ignores in some calls."""
         self._unused.append((options.split(), when, reason))
+
+    def was_given(self, option: str) -> bool:
+        """Whether the last call had an option, maybe with its default."""
+        return self._option_string_actions[option].dest in self._given
 
     def warn_of_unused(self, arguments: Arguments) -> None:
         """Warn of each option that was given although this call ignores it."""
         for options, when, reason in self._unused:
             if when(arguments):
                 for option in options:
-                    if self._option_string_actions[option].dest in self._given:
+                    if self.was_given(option):
                         warn_useless(option, reason)
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse; for a misspelt option, name the nearest one before other errors."""
+        words = [str(word) for word in (sys.argv[1:] if args is None else args)]
+        if self._instead is not None:
+            option, needed, group = self._instead
+            there = any(word.partition("=")[0] == option for word in words)
+            group.required = not there
+            for action in needed:  # optional ones would not stand apart on a command line
+                action.nargs, action.required = ("?", False) if there else (None, True)
         known = self._option_string_actions
-        for word in sys.argv[1:] if args is None else args:
-            name = str(word).partition("=")[0]
+        for word in words:
+            name = word.partition("=")[0]
             if name == "--":
                 break
             value = name in ("", "-") or " " in name or self._negative_number_matcher.match(name)
@@ -110,6 +160,18 @@ class Parser(argparse.ArgumentParser):
         from softdyn.exceptions import one_line
 
         self.exit(BAD_INPUT, f"error: {one_line(message, 1000)}\n")
+
+
+def _word(read: Callable[[str], Any], text: str) -> Any:
+    """The value of a word, by the reader of a setting."""
+    from softdyn import InputError
+
+    try:
+        return read(text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(f"expected {error.expected}, got {text!r}") from None
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected a number, got {text!r}") from None
 
 
 def finite(text: str) -> float:
@@ -254,14 +316,15 @@ def program(
     """
 
     def main(argv: list[str] | None = None) -> int:
-        prepare_streams()
-        arguments = parser.parse_args(argv)
-        one_thread()
-        if not can_be_killed(arguments):
-            return run(command, arguments, parser)
-        from softdyn.validation.bench.supervisor import supervised
+        with ends_at_once():
+            prepare_streams()
+            one_thread()
+            arguments = parser.parse_args(argv)
+            if can_be_killed(arguments):
+                from softdyn.validation.bench.supervisor import supervised
 
-        return supervised(partial(run, command, arguments, parser), FAILED)
+                return supervised(partial(run, command, arguments, parser), FAILED, INTERRUPTED)
+        return run(command, arguments, parser)
 
     if module == "__main__":
         sys.exit(main())
@@ -302,10 +365,12 @@ def run(command: Command, arguments: Arguments, parser: Parser) -> int:
     """
     from softdyn import InputError, SoftdynError, UrdfError
     from softdyn.exceptions import OwnCodeError, own_code_errors
+    from softdyn.installed import check_engines
 
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     try:
         with own_code_errors(program=command.__module__.partition(".")[0]):
+            check_engines()
             check_outputs(parser, arguments)
             parser.warn_of_unused(arguments)
             return command(arguments)
@@ -323,6 +388,29 @@ def run(command: Command, arguments: Arguments, parser: Parser) -> int:
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one would say more
         print("error: interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+@contextmanager
+def ends_at_once() -> Iterator[None]:
+    """Let Ctrl-C end the process at once in this block, in which it only loads.
+
+    An exception could be lost in a callback of the interpreter, or print a traceback.
+    """
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+
+    def end(*_: object) -> None:
+        with suppress(OSError):
+            os.write(2, b"error: interrupted\n")
+        os._exit(INTERRUPTED)
+
+    signal.signal(signal.SIGINT, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 class _Ended(KeyboardInterrupt):
@@ -348,8 +436,9 @@ def ends_cleanly() -> Iterator[Callable[[], bool]]:
     before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield ended.is_set
-    except _Ended:
-        pass
+    except BaseException:  # what an import makes of the exception, for example
+        if not ended.is_set():
+            raise
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -396,6 +485,14 @@ def write_report(report: dict[str, Any], target: str | None, summary: str) -> No
 def save_log(log: Log, path: str) -> None:
     """Write a log as CSV if `path` ends in .csv, else as NPZ."""
     (log.to_csv if path.endswith(".csv") else log.save)(path)
+
+
+def record_beside(log: Log, target: str | None) -> dict[str, Any]:
+    """The record of a run for a report in a file, or for stdout."""
+    from softdyn.validation.loop.repeat import record_for, whole_record
+
+    folder = Path() if target in (None, "-") else Path(target).parent
+    return record_for(whole_record(log), folder)
 
 
 def read_log(path: str, model: SoftModel | None = None) -> Log:

@@ -17,7 +17,6 @@ exit codes: 0 all are compiled; 2 bad input.
 # one robot per kind of tendon, because their kernels differ
 ROBOTS = ("finger", "spirob")
 OBSERVER, OBSTACLE = "observer", "obstacle"
-LONGEST = ("soft-id-clf-qp", OBSERVER, "mpc", "clf-qp", "ic", "id-clf-qp", OBSTACLE)
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
@@ -32,8 +31,8 @@ def command(arguments: cli.Arguments) -> int:
     if not COMPILES:
         cli.say("nothing to compile: SOFTDYN_COMPILE=0 or NUMBA_DISABLE_JIT=1")
         return cli.PASSED
-    # the longest first; those that share their kernels with one of these find them at the end
-    names = dict.fromkeys((*LONGEST, *CONTROLLERS, *BEYOND))
+    # the longest first
+    names = (*BEYOND, OBSERVER, *CONTROLLERS, OBSTACLE)
     in_order(_warm, [(robot, name) for robot in ROBOTS for name in names], arguments.jobs or -1)
     cli.say("all kernels are compiled")
     return cli.PASSED
@@ -45,7 +44,7 @@ def _warm(robot: str, name: str) -> None:
     import softdyn
     from softdyn.commands.observe import sensors_of
     from softdyn.controllers import SoftIdClfQp
-    from softdyn.controllers.registry import make_controller
+    from softdyn.controllers.registry import LAWS, make_controller
     from softdyn.controllers.safety_filter import with_barriers
     from softdyn.estimation import Ekf
     from softdyn.safety import KeepOutBox, Surroundings
@@ -59,7 +58,8 @@ def _warm(robot: str, name: str) -> None:
         law(state, softdyn.SetPoint(state.y))
         return
     if name != OBSERVER:
-        make_controller(name, model, {"friction": 0.1} if name == "mpc" else None)
+        rubs = "friction" in LAWS[name].options
+        make_controller(name, model, {"friction": 0.1} if rubs else None)
         return
     observer = Ekf(model, sensors_of(model, "lengths=0.001,tip=0.001@100+0.015"))
     for k in range(5):  # a late reading arrives, and the wrong ones move joints to their stops

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from softdyn.commands import cli
@@ -12,6 +14,7 @@ from softdyn.commands.run import controller_of, goal_of, naming, unmodelled
 if TYPE_CHECKING:
     from softdyn import SoftModel
     from softdyn.validation.bench.drive import Drive, DriveResult
+    from softdyn.validation.bench.signals import Signals
 
 EPILOG = """\
 --driver FILE.py:CLASS is your class for the rig. It is built as CLASS(model) and needs start(),
@@ -20,21 +23,24 @@ readings of the file's sensors and their times in seconds of time.monotonic(), N
 new. send() gets forces, free lengths or velocities, as the file's motors state. stop() relaxes the
 cables; it may be called at any time, and twice.
 
-CONTROLLER, --theta, --omega, --target, --targets and --gains are those of softdyn run. The state
-is estimated from the readings; --observer names disturbances to estimate or a class of your own, as
-for softdyn run.
+CONTROLLER, --theta, --omega, --target, --targets, --trajectory and --gains are those of softdyn
+run. The state is estimated from the readings; --observer names disturbances to estimate or a class
+of your own, as for softdyn run.
 
 --hold C ... sends these constant commands instead of a controller's, to check directions, units and
 zero. CONTROLLER and a target are then left out.
 
 The commands rise over --ramp seconds, and fall as long after the end. The run stops at once, and
 stop() is called, at Ctrl-C, SIGTERM and SIGHUP; at an exception of controller, observer or driver;
-at a reading older than --stale, outside its <sensor lower upper>, or of a tension beyond the bounds
-of its motors; at a command that is not finite; after --missed deadlines in a row; and when the
-innovations of the estimate over --lost seconds are beyond the 1 - 1e-6 quantile of chi-square (not
-while the commands rise or fall). If the program itself is killed, or is late by 50 ms and a whole
-period, another process kills it and relaxes the rig by a second driver; it writes the log up to
-there.
+at a reading older than --stale, or one that the observer has not used for as long; at one outside
+its <sensor lower upper>, or of a tension beyond the bounds of its motors; at a command that is not
+finite; after --missed deadlines in a row; and when the innovations of the estimate over --lost
+seconds are beyond the 1 - 1e-6 quantile of chi-square (not while the commands rise or fall). A
+signal before start() ends the program at once. Later ones lose neither the stop nor the log. A
+stop() that has not returned after 2 s is interrupted and tried a second time. A log without room is
+written to another folder, which a line names. If the program itself is killed, or is late by 50 ms
+and a whole period, another process kills it and relaxes the rig by a second driver; it writes the
+log up to there.
 
 --zero measures the zeros of the rig instead, and writes them to --out: the offset of each winch and
 the bias of each encoder. It winds up one cable after the other until its tension rises, and pays it
@@ -45,7 +51,8 @@ that jams, or with a zero that scatters stops it, and no file is written.
 docs/examples/served_rig.py:ServedRig. Its docstring shows how to let readings fail.
 
 exit codes: 0 reached (--no-verdict: not failed; --hold and --serve: done); 1 not reached, or
-stopped for any other cause than Ctrl-C, also by the watchdog; 2 bad input; 130 Ctrl-C.
+stopped for any other cause than Ctrl-C, also by the watchdog, or a file that could not be written
+where it should; 2 bad input; 130 Ctrl-C.
 """
 PORT = 7600
 
@@ -61,18 +68,17 @@ goal.add_argument(
     "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="set point in m"
 )
 goal.add_argument("--targets", metavar="FILE", help="paths of the tasks in the file, a CSV file")
+goal.add_argument("--trajectory", metavar="FILE", help="path of the tip, as for run")
 goal.add_argument("--hold", type=cli.finite, nargs="+", metavar="C", help="constant commands")
 goal.add_argument("--zero", action="store_true", help="measure offsets and biases instead")
 goal.add_argument("--serve", action="store_true", help="simulate the rig instead, in real time")
-parser.add_argument(
-    "--observer", metavar="WHICH", default="", help="disturbances, or FILE.py:CLASS"
-)
+parser.add_argument("--periodic", action="store_true", help="repeat the path of --trajectory")
 parser.add_argument("--gains", metavar="FILE", help="gains, a TOML file")
-parser.add_argument(
-    "--period", type=cli.positive, metavar="S",
-    help="control period in s (default: the paper's, 0.005 for other robots)",
+parser.settings(
+    "duration", "period", "observer",
+    period="control period in s (default: the paper's, 0.005 for other robots)",
+    observer="disturbances to estimate, or FILE.py:CLASS",
 )  # fmt: skip
-parser.add_argument("--duration", type=cli.positive, metavar="S", help="length of the run in s")
 parser.option("--ramp", cli.finite, "S", "time in which the commands rise and fall", 0.5)
 parser.option("--stale", cli.positive, "S", "largest age of a reading", 0.1)
 parser.option("--missed", cli.count, "N", "deadlines missed in a row that stop the run", 5)
@@ -97,6 +103,7 @@ parser.unused("--no-open", lambda a: not a.view, "only --view opens a page")
 parser.unused(
     "--port", lambda a: not (a.view or a.serve), "only --view and --serve serve something"
 )
+parser.unused("--periodic", lambda a: a.trajectory is None, "only with --trajectory")
 parser.unused("--seed", lambda a: not a.serve, "only --serve has noise of its own")
 
 parser.unused("--repeats --reach --pull --out", lambda a: not a.zero, "only --zero has them")
@@ -114,52 +121,107 @@ def command(arguments: cli.Arguments) -> int:
     model = cli.load_robot(arguments)
     if arguments.serve:
         return serve(model, arguments)
-    from softdyn.validation.bench.fail_safe import RigLimits, StopCause
+    from softdyn.validation.bench.fail_safe import RigLimits
+    from softdyn.validation.bench.signals import Signals
 
     limits = RigLimits(arguments.stale, arguments.missed, arguments.lost, arguments.ramp)
     if arguments.zero:
-        return zero(model, arguments, limits)
+        with Signals().heard() as heard:
+            return zero(model, arguments, limits, heard)
     drive = hold(model, arguments, limits) if arguments.hold else make(model, arguments, limits)
-    driven, files = run(drive, arguments)
-    log = driven.log
+    with Signals().heard() as heard:
+        return drive_and_report(drive, arguments, heard)
+
+
+def drive_and_report(drive: Drive, arguments: cli.Arguments, heard: Signals) -> int:
+    """Run, write the log and the page, and report; the exit code."""
+    from softdyn.validation.bench.fail_safe import StopCause
+
+    driven, files, lost = run(drive, arguments, heard)
+    log, model = driven.log, drive.loop.model
     report = log.report(arguments.tolerance)
     report |= {"stopped_by": driven.cause.value, "stopped": driven.reason}
+    report["record"] = cli.record_beside(log, arguments.json)
     text = f"{log.summary(tolerance=arguments.tolerance)}\nstopped by     {driven.cause.value}"
     if not arguments.hold:
         line, report["process_noise"] = unmodelled(drive.observer)
         text = f"{text}\n{line}".rstrip()
-    if arguments.hold:
+    elif log.finite_samples:
         text = f"{text}\n{held_text(log, model)}"
-    cli.write_report(report, arguments.json, "\n".join([text, *(f"wrote {f}" for f in files)]))
+    text = "\n".join([text, *(f"wrote {f}" for f in files)])
+    told = tell(report, arguments.json, text if log.finite_samples else "")
     if driven.cause is not StopCause.END:
         return stopped_code(driven)
     done = not log.failed if arguments.no_verdict or arguments.hold else report["reached"]
-    return cli.PASSED if done else cli.FAILED
+    return cli.PASSED if done and told and not lost else cli.FAILED
 
 
-def run(drive: Drive, arguments: cli.Arguments) -> tuple[DriveResult, list[str]]:
-    """Run, say what has stopped it, and write log and page; the files that are written."""
-    from softdyn import InputError
+def run(
+    drive: Drive, arguments: cli.Arguments, heard: Signals
+) -> tuple[DriveResult, list[str], bool]:
+    """Run, say what has stopped it, and write log and page.
+
+    Returns
+    -------
+    tuple[DriveResult, list[str], bool]
+        The run, the files that are written, and whether one could not be written where it should.
+    """
     from softdyn.validation.bench.fail_safe import StopCause
 
     driven = (
-        view(drive, arguments) if arguments.view
-        else drive.run(progress=True, on_step=lambda _: check_above())
+        view(drive, arguments, heard) if arguments.view
+        else drive.run(progress=True, signals=heard)
     )  # fmt: skip
     if driven.error is not None:
         say_trace(driven.error)
+    none = "" if driven.log.finite_samples else ", before the first reading"
     if driven.cause is not StopCause.END:
-        print(f"stopped by {driven.cause.value}: {driven.reason}", file=sys.stderr)
+        print(f"stopped by {driven.cause.value}{none}: {driven.reason}", file=sys.stderr)
     files = [f for f in (arguments.html, arguments.json) if f not in (None, "-")]
+    if none:  # a log without a row, and a page of it, say nothing
+        return driven, [], False
+    lost = False
     if arguments.log is not None:
-        try:
-            cli.save_log(driven.log, arguments.log)
-            files.insert(0, arguments.log)
-        except InputError as error:  # of a run that ended before its first step
-            print(f"warning: {error}", file=sys.stderr)
+        lost |= not save(partial(cli.save_log, driven.log), arguments.log, files)
     if arguments.html is not None:
-        driven.log.show(drive.loop.model).save(arguments.html)
-    return driven, files
+        files.remove(arguments.html)
+        lost |= not save(driven.log.show(drive.loop.model).save, arguments.html, files)
+    return driven, files, lost
+
+
+def save(write: Callable[[str], Any], path: str, files: list[str]) -> bool:
+    """Write a file of a run, which cannot be repeated; False if not to its path.
+
+    A line on stderr says where it is instead. Its path is put before those of `files`.
+    """
+    from softdyn import InputError
+    from softdyn.validation.files import save_somewhere
+
+    try:
+        written, error = save_somewhere(write, path)
+    except InputError as fault:
+        print(f"error: {fault}; nothing could be written elsewhere", file=sys.stderr)
+        return False
+    files.insert(0, written)
+    if error is not None:
+        print(f"error: {error}; wrote {written} instead", file=sys.stderr)
+    return error is None
+
+
+def tell(report: dict[str, Any], target: str | None, text: str) -> bool:
+    """Print and write the report; False if that cannot be done.
+
+    The run itself is over, so this is no bad input.
+    """
+    from softdyn import InputError
+
+    try:
+        if text or target is not None:
+            cli.write_report(report, target, text)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return False
+    return True
 
 
 def stopped_code(driven: DriveResult) -> int:
@@ -169,7 +231,7 @@ def stopped_code(driven: DriveResult) -> int:
     return cli.INTERRUPTED if driven.cause is StopCause.CTRL_C else cli.FAILED
 
 
-def zero(model: SoftModel, arguments: cli.Arguments, limits: Any) -> int:
+def zero(model: SoftModel, arguments: cli.Arguments, limits: Any, heard: Signals) -> int:
     """Measure the rig's zeros, and write the robot's file with them."""
     from dataclasses import asdict
 
@@ -184,23 +246,25 @@ def zero(model: SoftModel, arguments: cli.Arguments, limits: Any) -> int:
         model, make_driver(arguments.driver, model), settings, limits=limits,
         period=arguments.period or HELD, log_to=arguments.log,
     )  # fmt: skip
-    driven, files = run(drive, arguments)
-    if driven.cause is StopCause.END:
-        write_text(arguments.out, write(zeroing.robot(model.robot)))
-        files.append(arguments.out)
+    driven, files, lost = run(drive, arguments, heard)
+    if driven.finished:
+        text = write(zeroing.robot(model.robot))
+        lost |= not save(lambda path: write_text(path, text), arguments.out, files)
     report = {
         "robot": model.name, "stopped_by": driven.cause.value, "stopped": driven.reason,
         "zeros": [asdict(found) for found in zeroing.zeros],
     }  # fmt: skip
     lines = [zeroing.text(), f"stopped by     {driven.cause.value}"]
-    cli.write_report(report, arguments.json, "\n".join([*lines, *(f"wrote {f}" for f in files)]))
-    return cli.PASSED if driven.cause is StopCause.END else stopped_code(driven)
+    told = tell(report, arguments.json, "\n".join([*lines, *(f"wrote {f}" for f in files)]))
+    if driven.cause is not StopCause.END:
+        return stopped_code(driven)
+    return cli.PASSED if told and not lost else cli.FAILED
 
 
 def check(arguments: cli.Arguments) -> None:
     """Refuse arguments that do not belong together."""
     a = arguments
-    aims = [a.theta, a.omega, a.target, a.targets]
+    aims = [a.theta, a.omega, a.target, a.targets, a.trajectory]
     if a.serve:
         if a.controller is not None or a.driver is not None:
             parser.error("argument --serve: not allowed with a CONTROLLER or --driver")
@@ -230,7 +294,7 @@ def make(model: SoftModel, arguments: cli.Arguments, limits: Any) -> Drive:
     driver = make_driver(arguments.driver, model)
     with naming(model):
         controller = controller_of(model, arguments.controller, arguments.gains, **more)
-    observer = make_observer(model, "file", arguments.observer)
+    observer = make_observer(model, "file", arguments.observer or "")
     with one_line_errors(arguments.controller, "a command"):
         return Drive(
             model, controller, experiment, driver, observer,
@@ -264,7 +328,7 @@ def held_text(log: Any, model: SoftModel) -> str:
     return "\n".join(lines)
 
 
-def view(drive: Drive, arguments: cli.Arguments) -> DriveResult:
+def view(drive: Drive, arguments: cli.Arguments, heard: Signals) -> DriveResult:
     """Run while a browser shows it; the page is served by another process."""
     from softdyn.validation.live import watching
     from softdyn.view.live.pacing import RATE
@@ -279,25 +343,15 @@ def view(drive: Drive, arguments: cli.Arguments) -> DriveResult:
         channel.wait(watching.WAIT)
 
         def show(step: Any) -> None:
-            check_above()
             if loop.steps % every == 0:
                 clock, spent = drive.clock, loop.loop.nanoseconds / 1e3
                 timing = {"misses": clock.missed, "wake_us": 1e6 * clock.late, "step_us": spent}
                 channel.frame(watching.frame_of(columns, loop, step, pace=1.0, **timing))
 
-        driven = drive.run(on_step=show)
+        driven = drive.run(on_step=show, signals=heard)
         channel.state({"notice": driven.reason or "done", "paused": True})
         channel.leave(driven.log.show(loop.model).html())
     return driven
-
-
-def check_above() -> None:
-    """Stop if the process above this one, which the user has started, was killed."""
-    from softdyn.validation.bench.fail_safe import Stop, StopCause
-    from softdyn.validation.bench.supervisor import orphaned
-
-    if orphaned():
-        raise Stop(StopCause.HUNG_UP, "the process of softdyn drive has ended")
 
 
 def serve(model: SoftModel, arguments: cli.Arguments) -> int:
@@ -305,15 +359,16 @@ def serve(model: SoftModel, arguments: cli.Arguments) -> int:
     from softdyn.validation.bench.served import ServedRig
     from softdyn.validation.twin.twin import SimulationError
 
-    with cli.ends_cleanly():
+    with cli.ends_cleanly() as over:
         rig = ServedRig(model, arguments.port or PORT, arguments.seed)
         cli.say(f"serving {model.name} on 127.0.0.1:{rig.port}; Ctrl-C ends it")
         try:
-            rig.serve()
+            rig.serve(over)
         except SimulationError as error:
             print(f"error: the simulated rig diverged at {error.time:g} s: {error.reason}",
                   file=sys.stderr)  # fmt: skip
-        return cli.FAILED  # told to die
+        if not over():
+            return cli.FAILED  # told to die
     return cli.PASSED
 
 
@@ -321,11 +376,12 @@ def say_trace(error: BaseException) -> None:
     """Print the traceback of an exception of the user's own code."""
     import traceback
 
-    from softdyn.exceptions import own_frames
+    from softdyn.exceptions import own_frames, printable
 
     own = own_frames(error)
     if own is not None:
-        traceback.print_exception(type(error), error, own)
+        text = "".join(traceback.format_exception(type(error), error, own))
+        print(printable(text), end="", file=sys.stderr)
 
 
 main = cli.program(parser, command, __name__, can_be_killed=lambda a: not a.serve)

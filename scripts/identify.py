@@ -171,8 +171,11 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.folds:
         unseen = distance(found.names, left_out(found.fit, arguments.folds))
         lines.append(f"rms on rows left out, in {arguments.folds} parts: {unseen:.3g}")
-    places = where(found)
+    places, shown = where(found), 0
     if arguments.hints:
+        if arguments.json != "-":  # the hints take longer than the fit
+            cli.say("\n".join([str(found), *lines]))
+            shown = len(lines) + 1
         lines += [where_text(places)]
         folds = arguments.folds or max(2, min(FOLDS, len(found.data.t) // 3))
         tried = list(hints(
@@ -184,7 +187,7 @@ def command(arguments: cli.Arguments) -> int:
     report = {"robot": model.name, "data": arguments.data, **found.report(), "doubts": lines,
               "rms_left_out": unseen, "residuals": places,
               "hints": again.get("hints", [])}  # fmt: skip
-    cli.write_report(report, arguments.json, "\n".join([str(found), *lines]))
+    cli.write_report(report, arguments.json, "\n".join([str(found), *lines][shown:]))
     return cli.PASSED if all(one.identified for one in found.estimates) else cli.FAILED
 
 

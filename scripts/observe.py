@@ -90,7 +90,6 @@ def along_run(
     model: SoftModel, sensors: tuple[Sensor, ...], disturbances: list[str], path: str
 ) -> tuple[Observability, np.ndarray]:
     """The answer along a saved run, and the run's last q."""
-    import numpy as np
 
     from softdyn import InputError
     from softdyn.estimation import observe_run
@@ -101,7 +100,7 @@ def along_run(
     states = [model.state(q, v) for q, v in zip(log.q, log.v, strict=True)]
     commands = log.u if log.command is None else log.command
     sent = [commands[0], *commands]
-    zero = np.clip(0.0, model.u_min, model.u_max)
+    zero = model.relaxed
     return observe_run(model, log.t, states, zero, sent, sensors, disturbances, seed=0), log.q[-1]
 
 

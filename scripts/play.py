@@ -24,8 +24,8 @@ token. From another machine: ssh -L PORT:127.0.0.1:PORT, and the same address. C
 radian counts as much as the robot's length in a pose, and as a third of it for a direction. --task
 file has the <task>s of the robot's file. Controllers of your own then get tasks=[...].
 
---obstacles FILE is as for run: all controllers of the menu keep clear of them, and the page shows
-them.
+--obstacles FILE is as for run: they are solid unless they say "contact = false", all controllers of
+the menu keep clear of them, and the page shows them.
 
 exit codes: 0 ended by Ctrl-C or SIGTERM; 2 bad input.
 """
@@ -39,25 +39,14 @@ parser.add_argument("controllers", nargs="*", metavar="CONTROLLER")
 parser.add_argument(
     "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="first target in m"
 )
-parser.add_argument("--period", type=cli.positive, metavar="S", help="control period in s")
+parser.settings("period", "rig", "observer", "surroundings")
 parser.add_argument(
     "--gains", metavar="FILE", help="TOML: of the first CONTROLLER, or a table for each by its name"
 )
 parser.add_argument(
-    "--rig", nargs="?", const="file", metavar="FILE",
-    help="with the rig of the robot's file; FILE changes it",
-)  # fmt: skip
-parser.add_argument(
-    "--observer", nargs="?", const="", metavar="WHICH",
-    help="estimate the state from the rig's sensors",
-)  # fmt: skip
-parser.add_argument(
     "--task", choices=("pose", "axis", "file"),
     help="drag the tip's pose, its position and direction, or the tasks of the robot's file",
 )  # fmt: skip
-parser.add_argument(
-    "--obstacles", metavar="FILE", help="obstacles around the robot, a TOML file as for run"
-)
 cli.add_robot_options(parser)
 cli.add_server_options(parser)
 
@@ -91,16 +80,16 @@ def make_session(arguments: cli.Arguments) -> Any:
     model = cli.load_robot(arguments)
     first = arguments.controllers[0] if arguments.controllers else "best"
     law = first if model.nu else OPEN_LOOP
-    around = make_surroundings(arguments.obstacles)
+    around = make_surroundings(arguments.surroundings, model)
     own = controllers_of(arguments, first, around)
     if arguments.target is not None:
         paper.check_reach(model, arguments.target)
-    menu, rig = menu_of(model, own, around), make_rig(arguments.rig, model)
+    menu = menu_of(model, own, around)
+    read = {"rig": make_rig(arguments.rig, model), "surroundings": around}
     with naming(model):
         session = Session(
-            model, menu, law, period=arguments.period, target=arguments.target,
-            rig=rig, observer=arguments.observer, tasks=tasks_for(model, arguments.task),
-            surroundings=around,
+            model, menu, law, target=arguments.target, tasks=tasks_for(model, arguments.task),
+            **parser.given(arguments) | read,
         )  # fmt: skip
     note = cli.best_note(model, law, arguments.gains)
     if note:

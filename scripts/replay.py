@@ -36,7 +36,7 @@ parser.unused("--side-by-side", lambda a: a.html and len(a.logs) == 1, "there is
 def command(arguments: cli.Arguments) -> int:
     """Read the logs and write the page."""
     import softdyn
-    from softdyn.validation.loop.pictures.replay import comparison, replay
+    from softdyn.validation.loop.pictures.replay import replay, show_runs
 
     if arguments.html is None and arguments.plot is None:
         raise softdyn.InputError("arguments", "--html FILE or --plot FILE", "neither")
@@ -66,7 +66,7 @@ def command(arguments: cli.Arguments) -> int:
         page = replay(logs[0], robots[logs[0].source.digest])
     else:
         models = [robots[log.source.digest] for log in logs]
-        page = comparison(logs, models, arguments.labels, arguments.side_by_side)
+        page = show_runs(logs, models, arguments.labels, arguments.side_by_side)
     page.save(arguments.html)
     print(arguments.html)
     return cli.PASSED

@@ -19,6 +19,9 @@ command counts with --rig, and the force without.
 Several files run at once on all cores, for the time of the shortest. --out FOLDER writes a log for
 each, with the file's name; page and plot show all runs.
 
+--obstacles FILE is as for run: the links touch them, unless they say "contact = false". The log has
+the forces, and the page shows the obstacles.
+
 The steps of --timestep are 0.5 ms or less by default. A coarser step adds numerical damping.
 
 exit codes: 0 done; 1 a motion diverged; 2 bad input.
@@ -34,23 +37,10 @@ parser.add_argument(
     "--seconds", type=cli.positive, metavar="T",
     help="length of the run in s (default: 3, or to the last row of --inputs)",
 )  # fmt: skip
-parser.add_argument("--q0", type=cli.finite, nargs="+", metavar="Q", help="initial pose")
-parser.add_argument("--timestep", type=cli.positive, metavar="S", help="plant step in s")
-parser.add_argument(
-    "--period", type=cli.positive, metavar="S", help="time between samples in s (default: 0.002)"
+parser.settings(
+    without=("duration", "plant", "observer"),
+    period="time between samples in s (default: 0.002)",
 )
-parser.add_argument(
-    "--integrator", choices=("implicitfast", "implicit", "euler", "rk4"), default="implicitfast",
-    help="MuJoCo's scheme (default: implicitfast)",
-)  # fmt: skip
-parser.add_argument("--contacts", action="store_true", help="let the links touch")
-parser.add_argument(
-    "--friction", action="store_true", help="with the file's dry friction of joints, and of cables"
-)
-parser.add_argument(
-    "--rig", nargs="?", const="file", metavar="FILE",
-    help="with the rig of the robot's file; FILE changes it, as for run",
-)  # fmt: skip
 parser.output("--log", "FILE", "write the run as NPZ, or as CSV where FILE ends in .csv")
 parser.add_argument("--out", metavar="FOLDER", help="write a log for each of several --inputs")
 parser.output("--html", "FILE", "write a page that replays the motion")
@@ -68,9 +58,9 @@ def command(arguments: cli.Arguments) -> int:
     import numpy as np
 
     import softdyn
-    from softdyn.commands.run import make_rig
+    from softdyn.commands.run import make_rig, make_surroundings
     from softdyn.validation import rollouts
-    from softdyn.validation.loop.pictures.replay import comparison
+    from softdyn.validation.loop.pictures.replay import show_runs
     from softdyn.validation.loop.pictures.time_figures import look, save_comparison
     from softdyn.validation.rollouts.inputs import read_files
 
@@ -78,11 +68,14 @@ def command(arguments: cli.Arguments) -> int:
         look.check_path(arguments.plot)
     model = cli.load_robot(arguments)
     rig = make_rig(arguments.rig, model)
+    settings = parser.given(arguments) | {
+        "rig": rig, "surroundings": make_surroundings(arguments.surroundings, model)
+    }  # fmt: skip
     names, several = ["run"], len(arguments.inputs or ()) > 1
     if several and arguments.log is not None:
         raise softdyn.InputError("--log", "--out FOLDER with several --inputs", arguments.log)
     seconds, hold, commands = arguments.seconds or SECONDS, None, tuple[str, ...]()
-    batch = [np.array(arguments.u or np.clip(np.zeros(model.nu), model.u_min, model.u_max))]
+    batch = [np.array(arguments.u or model.relaxed)]
     if arguments.inputs is not None:
         files = read_files(arguments.inputs, model, rig)
         names, batch = list(files), [rows.u for rows in files.values()]
@@ -94,18 +87,14 @@ def command(arguments: cli.Arguments) -> int:
         cli.check_outputs(parser, arguments, *logs_to)
     began = time.perf_counter()
     with cli.saved_in_errors(arguments.log):
-        logs = rollouts(
-            model, batch, seconds, hold=hold, period=arguments.period, timestep=arguments.timestep,
-            integrator=arguments.integrator, q0=arguments.q0, contacts=arguments.contacts,
-            friction=arguments.friction, rig=rig, commands=commands,
-        )  # fmt: skip
+        logs = rollouts(model, batch, seconds, hold=hold, commands=commands, **settings)
     wall = time.perf_counter() - began
     for log, path in zip(logs, logs_to, strict=False):
         log.save(path)
     if arguments.log is not None:
         cli.save_log(logs[0], arguments.log)
     if arguments.html is not None:
-        page = comparison(logs, [model] * len(logs), names) if several else logs[0].show(model)
+        page = show_runs(logs, [model] * len(logs), names) if several else logs[0].show(model)
         page.save(arguments.html)
     if arguments.plot is not None:
         save_comparison(arguments.plot, logs, names if several else None)
@@ -116,6 +105,7 @@ def command(arguments: cli.Arguments) -> int:
     report = {
         "robot": model.name, "seconds": seconds, "timestep": logs[0].timestep,
         "integrator": arguments.integrator, "wall_s": wall,
+        "record": cli.record_beside(logs[0], arguments.json),
         **({"runs": dict(zip(names, runs, strict=True))} if several else runs[0]),
     }  # fmt: skip
     lines = [f"{n}: {log}" if several else str(log) for n, log in zip(names, logs, strict=True)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import sys
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from softdyn.commands import cli
@@ -21,14 +21,18 @@ if TYPE_CHECKING:
     from softdyn.validation.live.watching import ViewerCost
     from softdyn.validation.loop.closed_loop import ClosedLoop
     from softdyn.validation.loop.experiment import Experiment
+    from softdyn.validation.loop.kept_problems import KeptProblems
+    from softdyn.validation.loop.recorded import RecordedRun
+    from softdyn.validation.loop.settings import RunOptions
     from softdyn.validation.mjcf.scene import Scene
 
 EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name
 of a robot of example-robot-data.
 
-CONTROLLER is soft-id-clf-qp, id-clf-qp, clf-qp, ic, uic, ic-qp, best or mpc, or a class of your own
-as FILE.py:CLASS. best and mpc need no gains for any robot; --gains may give best a schedule, as in
+CONTROLLER is soft-id-clf-qp, the paper's own, or another of the package (a word that is none lists
+all), or a class of your own as FILE.py:CLASS. best and mpc need no gains for any robot; --gains may
+give best a schedule, as in
 controllers/schedules/, and mpc fields of softdyn.controllers.MpcParameters. Your class is built
 once as CLASS(model), or CLASS(model, table) with --gains, and called as controller(state,
 reference). The result needs an attribute u.
@@ -38,8 +42,14 @@ ellipse is scaled to its length, the sum of joint offsets from base to tip, as f
 by L/8, its far end at distance L below and before the origin). --target needs no length.
 
 --targets FILE is CSV: columns t, NAME.x .y .z for points, NAME.rx .ry .rz for rotation vectors,
-NAME.dx .dy .dz for directions (see softdyn.tasks.recorded_paths), with the names of the robot's
+NAME.dx .dy .dz for directions (see softdyn.tasks.read_paths), with the names of the robot's
 <task> elements. The run is as long as the paths. A controller of your own gets tasks=[...].
+
+--trajectory FILE is CSV with the columns t, x, y and z (s, m), from t = 0 on. The tip follows a
+smooth path through the points. The run is as long as the path, or with --periodic two cycles of it;
+the last point then is the first one again. FILE.py:CLASS is a class of your own. It is built as
+CLASS(model) and called with t, and gives a softdyn.Reference. Its attribute duration (s) is the
+length of the run, 10 s without one.
 
 --gains FILE is TOML with the fields of softdyn.controllers.Gains, e.g. "Kp = 500" and "eps = 0.05".
 Bundled robots have the paper's gains by default; other robots need a file.
@@ -47,7 +57,7 @@ Bundled robots have the paper's gains by default; other robots need a file.
 --rig runs with the rig of the robot's file: commands of lengths, lag and delay of the motors,
 sensors. --rig FILE is TOML with the fields of softdyn.validation.Rig, e.g. "lag = 0.02",
 "noise = 0.001" and a table [plant] with "payload = 0.05"; the file's rig has all other values. best
-and mpc know lag and delay if they stand in the robot's file or in --gains.
+and mpc know lag and delay of the plant, here of the rig, unless --gains says others.
 
 --observer gives the controller an estimate from the rig's sensors (softdyn.estimation.Ekf) instead
 of the state. Its process noise adapts to the readings; a line tells when they show forces that the
@@ -55,10 +65,12 @@ model lacks. Disturbances may be named, e.g. "--observer tip_force,stiffness". A
 is FILE.py:CLASS; it is built as CLASS(model) and needs step(t, measurements, u).
 
 --obstacles FILE is TOML with tables [[half_space]], [[sphere]], [[box]] and [[pairs]], whose keys
-are the fields of softdyn.safety.HalfSpace, KeepOutSphere, KeepOutBox and LinkPairs. They are in the
-plant, the page and the log, and the least reserve of each is printed. soft-id-clf-qp has them as
-barriers, over a horizon of eps unless --gains say otherwise. Any other controller, also a user's,
-is behind a safety filter: its input is changed as little as the barriers require.
+are the fields of softdyn.safety.HalfSpace, KeepOutSphere, KeepOutBox and LinkPairs. They are solid
+in the plant unless they say "contact = false". The log has their forces on the robot, the page
+shows them, and the least reserve of each is printed; a run that ends inside one reached nothing.
+soft-id-clf-qp has them as barriers; no obstacle changes its horizon, which is 0 unless --gains say
+otherwise. Any other controller, also a user's, is behind a safety filter: its input is changed as
+little as the barriers require.
 
 The run has reached a set point if |e| is within --tolerance, both as rms over the last tenth of the
 run and at its end. It has reached a trajectory if the rms of |e| over the last cycle is within
@@ -76,13 +88,14 @@ your own class; 2 bad input; 130 interrupted.
 
 LACKING = 0.06  # of an Ekf's process noise; with a right model it ends below
 PATIENCE = 4.0  # s to look for the nearest rest
+AIMS = ("theta", "omega", "target", "targets", "trajectory")  # options that make the reference
 TRANSIENT = 1.0  # s; a shorter run may not have had the time to reach its target
 
 
 parser = cli.Parser(__doc__, EPILOG)
-parser.add_argument("robot", metavar="ROBOT")
+robot = parser.add_argument("robot", metavar="ROBOT")
 cli.add_robot_options(parser)
-parser.add_argument("controller", metavar="CONTROLLER")
+law = parser.add_argument("controller", metavar="CONTROLLER")
 goal = parser.add_mutually_exclusive_group(required=True)
 goal.add_argument("--theta", type=cli.finite, metavar="T", help="set point at T pi, 10 s")
 goal.add_argument("--omega", type=cli.positive, metavar="W", help="track at W pi rad/s, two cycles")
@@ -92,36 +105,27 @@ goal.add_argument(
 goal.add_argument(
     "--targets", metavar="FILE", help="paths of the tasks in the robot's file, a CSV file"
 )
-parser.add_argument("--duration", type=cli.positive, metavar="S", help="length of the run in s")
-parser.add_argument(
-    "--q0",
-    type=cli.finite,
-    nargs="+",
-    metavar="Q",
-    help="initial joint positions, within their limits",
+goal.add_argument(
+    "--trajectory", metavar="FILE", help="path of the tip, a CSV file, or FILE.py:CLASS"
 )
+parser.add_argument("--periodic", action="store_true", help="repeat the path, for two cycles")
 parser.add_argument(
-    "--period",
-    type=cli.positive,
-    metavar="S",
-    help="control period in s (default: the paper's, 0.002 for other robots)",
+    "--from", dest="record", metavar="FILE",
+    help="repeat a recorded run, a log or a case of a sweep, without ROBOT, CONTROLLER and target",
+)  # fmt: skip
+parser.add_argument(
+    "--in", dest="folder", metavar="DIR", help="--from: files that a record knows by name alone"
+)
+parser.instead_of("--from", robot, law, group=goal)
+parser.settings(
+    period="control period in s (default: the paper's, 0.002 for other robots)",
+    duration="length of the run in s",
 )
 parser.add_argument("--gains", metavar="FILE", help="gains, a TOML file")
 parser.add_argument(
     "--certify", action="store_true",
     help="log the rate of V under the model's own acceleration (the paper's controllers)",
 )  # fmt: skip
-parser.add_argument("--contacts", action="store_true", help="let the links touch")
-parser.add_argument("--plant", metavar="FILE", help="an MJCF of your own that replaces the twin")
-parser.add_argument(
-    "--rig", nargs="?", const="file", metavar="FILE",
-    help="with the rig of the robot's file; FILE changes it",
-)  # fmt: skip
-parser.add_argument(
-    "--observer", nargs="?", const="", metavar="WHICH",
-    help="estimate the state from the rig's sensors",
-)  # fmt: skip
-parser.add_argument("--obstacles", metavar="FILE", help="obstacles around the robot, a TOML file")
 parser.add_argument(
     "--tolerance",
     type=cli.positive,
@@ -135,44 +139,47 @@ parser.add_argument(
 )
 parser.output("--log", "FILE", "write the run as NPZ, or as CSV where FILE ends in .csv")
 parser.output("--html", "FILE", "write the run as a page that replays it")
+parser.add_argument(
+    "--keep-failed", metavar="DIR", help="write the QP of each fallback to an NPZ file in DIR"
+)
 parser.add_argument("--view", action="store_true", help="show the run live in the browser")
 parser.option("--speed", cli.positive, "X", "pace of --view, simulated seconds per second", 1.0)
 cli.add_server_options(parser)
 cli.add_json(parser)
+parser.unused("--periodic", lambda a: a.trajectory is None, "only with --trajectory")
 parser.unused("--speed --port --no-open", lambda a: not a.view, "only --view serves a page")
+parser.unused("--in", lambda a: a.record is None, "only --from searches files")
+parser.unused(
+    "--annotations --floating --repair-inertia", lambda a: a.record is not None,
+    "the record has the robot",
+)  # fmt: skip
 
 
 def command(arguments: cli.Arguments) -> int:
     """Build, simulate and report."""
     from softdyn.controllers.registry import one_line_errors
     from softdyn.validation import paper
-    from softdyn.validation.loop.arguments import RunOptions
     from softdyn.validation.loop.closed_loop import ClosedLoop
+    from softdyn.validation.loop.kept_problems import KeptProblems
 
-    model = cli.load_robot(arguments)
-    experiment, more = goal_of(model, arguments)
-    plant = make_plant(model, arguments)
-    around = make_surroundings(arguments.obstacles)
-    with naming(model):
-        controller = controller_of(model, arguments.controller, arguments.gains, around, **more)
-    if arguments.certify:
-        from softdyn.validation.loop.certificate import TrueRate, certified
+    made = asked(arguments) if arguments.record is None else repeated(arguments)
+    model, controller, plant = made.model, made.controller, made.scene
+    bounded = arguments.certify or (made.recorded is not None and made.recorded.certified)
+    if bounded:
+        from softdyn.validation.loop.certificate import TrueRate, certify
 
         TrueRate(controller)  # it may refuse the controller
-    shown = None
-    options = RunOptions(
-        duration=arguments.duration, period=arguments.period, q0=arguments.q0,
-        contacts=arguments.contacts, plant=plant, rig=make_rig(arguments.rig, model),
-        observer=arguments.observer, surroundings=around, name=arguments.controller,
-    )  # fmt: skip
-    with one_line_errors(arguments.controller, "a command"), cli.saved_in_errors(arguments.log):
-        loop = ClosedLoop(model, controller, experiment, options)
+    shown, name, folder = None, made.options.name or "", arguments.keep_failed
+    kept = None if folder is None else KeptProblems(folder, controller)
+    with one_line_errors(name, "a command"), cli.saved_in_errors(arguments.log):
+        loop = ClosedLoop(model, controller, made.reference, made.options)
+        loop.record |= made.said
         if arguments.view:
-            log, shown = watch(loop, plant, arguments)
+            log, shown = watch(loop, plant, arguments, kept)
         else:
-            log = loop.run(progress=True)
-    if arguments.certify:
-        log = certified(log, model, controller, loop.reference)
+            log = loop.run(progress=True, on_step=kept)
+    if bounded:
+        log = certify(log, model, controller, loop.reference)
     if arguments.log is not None:
         cli.save_log(log, arguments.log)
     if arguments.html is not None:
@@ -181,7 +188,8 @@ def command(arguments: cli.Arguments) -> int:
         replay(log, model, scenery_of(plant)).save(arguments.html)
     text = log.summary(paper.beside(log), arguments.tolerance)
     report = log.report(arguments.tolerance)
-    if log.complete and not report["reached"] and not arguments.no_verdict:
+    missed = log.complete and not report["reached"]
+    if missed and made.recorded is None and not arguments.no_verdict:
         if log.tasks is None:
             line, report["nearest_rest_cm"] = nearest_rest(
                 model, log, arguments.tolerance, controller
@@ -198,10 +206,139 @@ def command(arguments: cli.Arguments) -> int:
     if shown is not None:
         text += f"\n{shown}"
         report["viewer"] = asdict(shown)
+    if kept is not None:
+        text, report["failed_problems"] = f"{text}\n{kept.count} failed problems", kept.count
+        text += f" in {folder}" if kept.count else ""
+    if made.recorded is not None:
+        repetition = made.recorded.compared(log)
+        text += f"\nrepeated       {repetition}"
+        report["repeated"] = repetition.to_dict() | {"changed": made.said["repeats"]["changed"]}
+    report["record"] = cli.record_beside(log, arguments.json)
     files = [f for f in (arguments.log, arguments.html, arguments.json) if f not in (None, "-")]
     cli.write_report(report, arguments.json, "\n".join([text, *(f"wrote {f}" for f in files)]))
     done = not log.failed if arguments.no_verdict else report["reached"]
+    if made.recorded is not None:
+        done = repetition.equal
     return cli.PASSED if done else cli.FAILED
+
+
+@dataclass(frozen=True)
+class Made:
+    """The parts of a run.
+
+    Attributes
+    ----------
+    model, controller, reference, options
+        The arguments of `ClosedLoop`.
+    recorded : RecordedRun, optional
+        The run that it repeats.
+    said : dict
+        More entries of its record.
+    """
+
+    model: SoftModel
+    controller: Any
+    reference: Any
+    options: RunOptions
+    recorded: RecordedRun | None = None
+    said: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def scene(self) -> Scene | None:
+        """The user's own scene, if it is the plant."""
+        from softdyn.validation.mjcf.scene import Scene
+
+        return self.options.plant if isinstance(self.options.plant, Scene) else None
+
+
+def asked(arguments: cli.Arguments) -> Made:
+    """The run of a command line."""
+    from softdyn.validation.loop.settings import RunOptions
+
+    model = cli.load_robot(arguments)
+    experiment, more = goal_of(model, arguments)
+    read = read_settings(arguments, model)
+    with naming(model):
+        around = read.get("surroundings")
+        controller = controller_of(model, arguments.controller, arguments.gains, around, **more)
+    options = RunOptions(**parser.given(arguments) | read, name=arguments.controller)
+    return Made(model, controller, experiment, options)
+
+
+def read_settings(arguments: cli.Arguments, model: SoftModel) -> dict[str, Any]:
+    """The settings of a command line that are read from files."""
+    read = {
+        "plant": make_plant(model, arguments.plant, arguments),
+        "rig": make_rig(arguments.rig, model),
+        "surroundings": make_surroundings(arguments.surroundings, model),
+    }  # fmt: skip
+    return {name: value for name, value in read.items() if value is not None}
+
+
+def repeated(arguments: cli.Arguments) -> Made:
+    """The run of a record, with the options of a command line in place of the record's."""
+    from softdyn import InputError
+    from softdyn.controllers.registry import one_line_errors
+    from softdyn.validation.loop.provenance import file_of
+    from softdyn.validation.loop.recorded import RecordedRun
+    from softdyn.validation.loop.repeat import changed_files, experiment_of, lost_parts
+    from softdyn.validation.loop.settings import RunOptions
+
+    file, folder = arguments.record, arguments.folder
+    if arguments.robot is not None:
+        parser.error("argument --from: not allowed with a ROBOT, which the record has")
+    recorded = RecordedRun.read(file)
+    if recorded.record.get("reference") is None:
+        expected = "a run with a controller; softdyn rollout --inputs takes a log's CSV"
+        raise InputError(file, expected, "a rollout")
+    given = parser.given(arguments, explicit=True)
+    aims = [name for name in (*AIMS, "gains") if getattr(arguments, name) is not None]
+    aimed = bool({*AIMS} & {*aims})
+    anew = {f"settings.{name}" for name in given} | ({"reference"} if aimed else set())
+    lost = [part for part in lost_parts(recorded.record) if part.split(" ")[0] not in anew]
+    if lost:
+        raise InputError(file, "a run that its record can make again", "; ".join(lost))
+    parts, assumed = experiment_of(recorded.record, recorded.source, folder)
+    for line in (*changed_files(recorded.record, folder), *assumed):
+        print(f"note: {line}", file=sys.stderr, flush=True)
+    model, controller, reference = (
+        parts.pop(name) for name in ("model", "controller", "reference")
+    )
+    given |= read_settings(arguments, model)
+    options = RunOptions.of(parts | given)
+    if options.plant is not None and "plant" not in given:
+        options = replace(options, plant=make_plant(model, options.plant, arguments))
+    more = dict[str, Any]()
+    if aimed:
+        reference, more = goal_of(model, arguments)
+    if arguments.gains is not None:
+        if getattr(controller, "tasks", ()):
+            more = {"tasks": controller.tasks} | more
+        name = recorded.controller(folder)
+        controller = controller_of(model, name, arguments.gains, options.surroundings, **more)
+    elif "surroundings" in given or more:
+        with one_line_errors(options.name or "", "a controller that can be made again"):
+            controller = made_anew(controller, model, options.surroundings, more)
+    said = {"repeats": {"file": file_of(file), "changed": sorted([*given, *aims])}}
+    return Made(model, controller, reference, options, recorded, said)
+
+
+def made_anew(
+    controller: Any, model: SoftModel, around: Surroundings | None, more: dict[str, Any]
+) -> Any:
+    """A controller with other obstacles or tasks, and else with the arguments of its making."""
+    from softdyn import InputError
+    from softdyn.controllers.safety_filter import SafetyFilter, with_barriers
+    from softdyn.copies import making_of
+
+    inner = controller.inner if isinstance(controller, SafetyFilter) else controller
+    making = making_of(inner)
+    if making is None or making.maker is None:
+        raise InputError("--obstacles, --targets", "--gains too, which make the controller", "none")
+    given = {key: value for key, value in making.named.items() if value is not model}
+    given.pop("barriers", None)
+    given |= more
+    return with_barriers(making.maker, around)(model, *making.arguments[1:], **given)
 
 
 def goal_of(model: SoftModel, arguments: cli.Arguments) -> tuple[Experiment, dict[str, Any]]:
@@ -210,6 +347,10 @@ def goal_of(model: SoftModel, arguments: cli.Arguments) -> tuple[Experiment, dic
     from softdyn.validation import paper
 
     more, target = dict[str, Any](), arguments.target
+    if arguments.trajectory is not None:
+        return paper.trajectory(
+            model, arguments.trajectory, periodic=arguments.periodic, period=arguments.period
+        ), more
     if arguments.targets is not None:
         from softdyn.exceptions import errors_in
         from softdyn.tasks import tasks_of
@@ -289,7 +430,7 @@ def about_gains(one: Equilibrium, controller: Any, period: float) -> str:
         return ""
     line = f"softdyn check {one.model.robot.path} --gains --period {period:g} proposes gains"
     if isinstance(controller, SoftIdClfQp):
-        line = f"{advice(one, controller.gains, period)}; {line}"
+        line = f"{advice(one, controller.gains, period, controller.horizon)}; {line}"
     return f"\ngains: {line}"
 
 
@@ -303,8 +444,9 @@ def nearest_to_tasks(
 
     from softdyn import SoftdynError, statics
     from softdyn.tasks import errors_along
-    from softdyn.validation.loop import verdict as judged
+    from softdyn.validation.loop.metrics import task_figures
     from softdyn.validation.loop.record import tasks_in
+    from softdyn.validation.loop.verdict import missed_tasks
 
     if log.t[-1] < TRANSIENT:
         return "", None
@@ -318,8 +460,8 @@ def nearest_to_tasks(
     errors = np.hstack([*errors_along(model, tasks, here, loop.reference).values()])
     within = log.verdict(tolerance).tolerance
     each = log.columns("tasks")
-    missed = judged.missed_tasks(each, errors.tolist(), within, log.length)
-    figures = judged.task_figures(each, errors[None])
+    missed = missed_tasks(each, errors.tolist(), within, log.length)
+    figures = task_figures(each, errors[None])
     by_task = {name: {"error": one["last"], "unit": one["unit"]} for name, one in figures.items()}
     said = ", ".join(f"{name} {x['error']:.3f} {x['unit']}" for name, x in by_task.items())
     reach = "they may be out of reach" if missed else "they are within reach"
@@ -331,7 +473,7 @@ def nearest_to_tasks(
 
 
 def watch(
-    loop: ClosedLoop, plant: Scene | None, arguments: cli.Arguments
+    loop: ClosedLoop, plant: Scene | None, arguments: cli.Arguments, kept: KeptProblems | None
 ) -> tuple[Log, ViewerCost]:
     """Run the loop while a browser shows it."""
     from softdyn.validation.live import watching
@@ -343,7 +485,7 @@ def watch(
         if not arguments.no_open:
             channel.open()
         channel.wait(watching.WAIT)
-        log, shown = watching.watch(loop, channel, arguments.speed)
+        log, shown = watching.watch(loop, channel, arguments.speed, kept)
         channel.leave(replay(log, loop.model, shapes).html())
     return log, shown
 
@@ -357,13 +499,15 @@ def scenery_of(plant: Scene | None) -> Sequence[Visual]:
     return scenery(plant)
 
 
-def make_plant(model: SoftModel, arguments: cli.Arguments) -> Scene | None:
-    """The user's own scene, after a report on its differences from the model."""
-    if arguments.plant is None:
-        return None
-    from softdyn.validation.mjcf.scene import Scene
+def make_plant(model: SoftModel, given: Any, arguments: cli.Arguments) -> Any:
+    """The plant, for a user's own scene after a report on its differences from the model."""
+    from collections.abc import Mapping
 
-    plant = Scene(model, arguments.plant)
+    if not isinstance(given, str | Mapping):
+        return given
+    from softdyn.validation.mjcf.scene import scene_of
+
+    plant = scene_of(model, given)
     if arguments.json != "-":
         cli.say(str(plant))
     return plant
@@ -393,16 +537,22 @@ def make_rig(said: str | None, model: SoftModel) -> Any:
     return rig
 
 
-def make_surroundings(file: str | None) -> Surroundings | None:
-    """The obstacles of a TOML file."""
+def make_surroundings(file: str | None, model: SoftModel) -> Surroundings | None:
+    """The obstacles of a TOML file, tried with the robot, so that an error names their file."""
+    import numpy as np
+
     from softdyn import InputError
+    from softdyn.exceptions import errors_in
     from softdyn.safety import Surroundings
+    from softdyn.validation.loop.arguments import starting_pose
 
     if file is None:
         return None
     around = Surroundings.of(cli.read_toml(file), file)
     if not around.barriers:
         raise InputError(file, "at least one obstacle", "none")
+    with errors_in(file):
+        around.reserve(model.state(starting_pose(model, None)[0], np.zeros(model.nv)))
     return around
 
 
@@ -417,7 +567,7 @@ def naming(model: SoftModel) -> Iterator[None]:
         if error.name not in ("tasks", "targets"):
             raise
         where = f"{model.robot.path}: {error.name}"
-        raise InputError(where, error.expected, error.got) from None
+        raise error.about(where) from None
 
 
 def controller_of(

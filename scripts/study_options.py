@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ def add_ensemble_options(parser: cli.Parser) -> None:
     parser.add_argument(
         "--ensemble", type=cli.count, default=0, metavar="N",
         help="run every loop from 2 more starts (1e-9 apart), or N if its printed figure varies or "
-        "it has noise",
+        "it has noise or an observer, each with another seed of the rig",
     )  # fmt: skip
     parser.option("--seed", cli.whole, "S", "seed of the starts", 1)
     parser.output("--keep", "FILE", "add the figures to those of other seeds and cells in FILE")
@@ -27,12 +27,13 @@ def add_ensemble_options(parser: cli.Parser) -> None:
 
 def distributions(
     arguments: cli.Arguments, cells: Mapping[str, Case], store: Store | None = None,
-    execute: Executor | None = None, folder: Path = Path(),
+    execute: Executor | None = None, folder: Path = Path(), depends: Sequence[str] = (),
     more: Callable[[dict[str, Distribution]], dict[str, Distribution]] = dict,
 ) -> dict[str, Distribution]:  # fmt: skip
     """Run the ensembles of `add_ensemble_options`; store them below --out, by default ensemble/.
 
-    Relative paths of robots and controllers are relative to `folder`; `more` adds further cells.
+    Relative paths are relative to `folder`; classes of one's own read files that they `depends` on.
+    `more` adds further cells.
     """
     from softdyn.validation.studies.engine import distribution, ensemble, executors
     from softdyn.validation.studies.engine.store import Store
@@ -40,7 +41,8 @@ def distributions(
     store, keep = store or Store(Path(arguments.out), runs="ensemble"), Path(arguments.keep or "")
     execute = execute or executors.strict(arguments.jobs or -1)
     before = distribution.read_distributions(keep) if arguments.keep and keep.exists() else {}
-    found = ensemble.run(cells, store, execute, arguments.ensemble, arguments.seed, before, folder)
+    found = ensemble.run(cells, store, execute, arguments.ensemble, arguments.seed, before, folder,
+                         depends)  # fmt: skip
     found |= more(found)
     both = distribution.join(before, found)
     if arguments.keep:

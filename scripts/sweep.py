@@ -31,8 +31,9 @@ noise: one change at a time), horizon (of the soft controller's dynamics), perio
 experiments at several control periods), set_points (14 others on the ellipse, with the nearest
 stable equilibria of those missed).
 
-Below --out: cases/ with one file per case, sweep.csv with all of them, sweep.png with a panel per
-parameter, and sweep.md with the best ones, or with a table of all if the file asks for it. An
+Below --out: cases/ with one file per case, sweep.csv with all of them, sweep.pdf and sweep.png with
+a panel per parameter, and sweep.md with the best ones, or with a table of all if the file asks for
+it. If it asks for several figures a cell, table.tex, .csv, .pdf and .png are for a paper. An
 interrupted sweep continues where it stopped. A case runs again when it, its robot, its controller,
 softdyn or an engine has changed.
 
@@ -85,11 +86,13 @@ def command(arguments: cli.Arguments) -> int:
     said = {key: getattr(arguments, key) for key in ("robots", "controllers", "period")}
     said |= {"annotations": arguments.annotations}
     said |= {"gains": cli.read_toml(arguments.gains) if arguments.gains else None}
-    wanted = read_sweep(arguments.file, said, build=not arguments.dry_run)
+    wanted = read_sweep(arguments.file, said)
     if not wanted.rows and (arguments.ensemble or arguments.keep):
         raise InputError("--ensemble, --keep", f"rows in {wanted.path}", "none")
+    if wanted.figures and (arguments.ensemble or arguments.keep):
+        raise InputError("--ensemble, --keep", f"{wanted.path} without figures", "some")
     out = Path(arguments.out or Path("results") / wanted.path.stem)
-    jobs, store = wanted.jobs(), sweep.store(out)
+    jobs, store = wanted.jobs(), sweep.store(out, timed="step_us" in wanted.figures)
     if arguments.dry_run:
         plan = sweep_report.plan(wanted, jobs, store.missing(jobs))
         cli.write_report(plan, arguments.json, sweep_report.plan_text(plan))
@@ -109,23 +112,27 @@ def command(arguments: cli.Arguments) -> int:
                 yield index, result
 
     from softdyn.validation.report import sweep_figure
+    from softdyn.validation.studies.paper_table import PaperTable
 
     ran = executors.follow(store.run(jobs, execute), jobs)
     rows, table = sweep_report.sweep_rows(jobs, store), ""
     report = sweep_report.report(wanted, rows, ran)
-    if wanted.rows:
+    more, paper = dict[str, str](), PaperTable.of(wanted, rows) if wanted.figures else None
+    if paper is not None:
+        table = paper.markdown()
+        more = {"table.tex": paper.latex(), "table.csv": paper.csv()}
+    elif wanted.rows:
         cells = study_options.distributions(
-            arguments, wanted.cells, store, execute, wanted.folder,
+            arguments, wanted.cells, store, execute, wanted.folder, wanted.depends,
             lambda ran: sweep_report.missed(wanted, ran),
         )  # fmt: skip
         table = sweep_report.cell_tables(wanted, cells)
         report |= study_options.summaries(cells)
-    picture = out / "sweep.png"
-    drawn = sweep_figure.draw(wanted, rows, picture)
-    report["files"] = sweep_report.write_sweep(
-        wanted, rows, out, table, picture.name if drawn else ""
-    )
-    report["files"] += [str(picture)] if drawn else []
+    drawn = sweep_figure.draw(wanted, rows, out / "sweep")
+    drawn += [] if paper is None else sweep_figure.draw_table(paper, out / "table")
+    picture = next((path.name for path in drawn if path.suffix == ".png"), "")
+    report["files"] = sweep_report.write_sweep(wanted, rows, out, table, picture, more)
+    report["files"] += map(str, drawn)
     report["wall_s"] = perf_counter() - began
     text = f"{table}\n" if table else sweep_report.summary(report)
     cli.write_report(report, arguments.json, f"{text}\nTables and cases: {out}/")

@@ -16,13 +16,13 @@
 - `design`: from a few parameters to a robot's file and meshes;
 - `identification`: from measurements to parameters;
 - `controllers`: the paper's controllers and ours; `validation`: the closed loop and checks in
-  MuJoCo; `commands`: the command line;
+  MuJoCo; `testing`: tests of a user's own class; `commands`: the command line;
 - `plausible`: rules for numbers that are valid and not plausible;
 - `references`: set points and ellipses; `loading`: `load`; `checks`, `exceptions`: checks of
-  arguments, and errors; `copies`: copies that stay read-only, and share nothing that changes;
-  `files`: files written whole or not at all; `toml_table`, `csv_table`: the readers of TOML and
-  CSV;
-  `compiled`: kernels with and without Numba.
+  arguments, and errors; `installed`: that the engines are the installed ones; `copies`: copies
+  that stay read-only, and share nothing that changes; `files`: files written whole or not at all;
+  `toml_table`, `csv_table`: the readers of TOML and CSV; `compiled`: kernels with and without
+  Numba.
 
 The public names are imported when they are used, as `__init__.pyi` lists them, so that the command
 line answers `--help` without loading an engine.

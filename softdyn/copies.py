@@ -1,9 +1,13 @@
-"""Copies of objects: read-only arrays stay read-only, and nothing that a use changes is shared."""
+"""Copies of objects: read-only arrays stay read-only, and nothing that a use changes is shared.
+
+Some objects keep the arguments of their making, so that a run's record can make them again.
+"""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from typing import Any, Self
 
 import numpy as np
@@ -22,6 +26,58 @@ class Separate:
 
     def __copy__(self) -> Self:
         return copy.deepcopy(self)
+
+
+MADE_BY = "_made_by"  # the attribute with an object's `Making`
+
+
+class Making:
+    """The call that has made an object. A copy shares it, a pickle does not contain it.
+
+    Attributes
+    ----------
+    maker : Callable
+        The class or function.
+    arguments, named : tuple, dict of str to Any
+        Its arguments.
+    """
+
+    def __init__(
+        self,
+        maker: Callable[..., Any] | None = None,
+        arguments: tuple[Any, ...] = (),
+        named: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.maker, self.arguments, self.named = maker, arguments, dict(named or {})
+
+    def __deepcopy__(self, memo: object) -> Making:
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Making, ()
+
+
+class KeepsMaking:
+    """An object that keeps the call that made it."""
+
+    def __new__(cls, *arguments: Any, **named: Any) -> Self:  # noqa: D102
+        made = super().__new__(cls)
+        keep_making(made, cls, arguments, named)
+        return made
+
+
+def keep_making(
+    made: object, maker: Callable[..., Any], arguments: tuple[Any, ...], named: Mapping[str, Any]
+) -> None:
+    """Let an object keep the call that made it, if it can have attributes."""
+    with suppress(AttributeError, TypeError):
+        object.__setattr__(made, MADE_BY, Making(maker, arguments, named))
+
+
+def making_of(made: object) -> Making | None:
+    """The call that made an object; None if it does not keep it."""
+    found = getattr(made, MADE_BY, None)
+    return found if isinstance(found, Making) and found.maker is not None else None
 
 
 def freeze(values: Iterable[Any]) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 STANDARD_LIBRARY = (sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib"))
 # functions of softdyn that load a user's file and make its objects
-MAKERS = ("_load", "make_controller", "make_observer")
+MAKERS = ("_load", "make_controller", "make_observer", "read_trajectory")
 
 
 class SoftdynError(Exception):
@@ -66,6 +66,22 @@ class InputError(SoftdynError, ValueError):
     def __reduce__(self) -> tuple[Any, ...]:  # crosses process boundaries
         return type(self), (self.name, self.expected, self.got, self.text)
 
+    def about(self, name: str) -> InputError:
+        """The same error, of the same class, about another name, such as one with its file."""
+        return type(self)(name, self.expected, self.got)
+
+
+class OutOfReach(InputError):
+    """A target that the robot cannot reach, whatever its inputs."""
+
+
+class NotIdentifiable(InputError):
+    """Data that show none of the unknowns."""
+
+
+class FormatError(InputError):
+    """A file that is not of the format that is read, or of another version of it."""
+
 
 class OwnCodeError(SoftdynError):
     """A user's own code raised an error while it ran.
@@ -110,7 +126,7 @@ def own_code_errors(program: str = "softdyn") -> Iterator[None]:
         steps, kind = traceback.extract_tb(own), type(error)
         lines = [step.lineno for step in steps if step.filename == steps[0].filename]
         place = f"{Path(steps[0].filename).name}:{lines[-1]}"
-        trace = "".join(traceback.format_exception(kind, error, own))
+        trace = printable("".join(traceback.format_exception(kind, error, own)))
         raise OwnCodeError(one_line(f"{place}: {kind.__name__}: {error}", 500), trace) from error
 
 
@@ -141,12 +157,22 @@ def errors_in(where: str) -> Iterator[None]:
     except InputError as error:
         if error.name.startswith(where.split(":")[0]):
             raise
-        raise InputError(f"{where}: {error.name}", error.expected, error.got) from None
+        raise error.about(f"{where}: {error.name}") from None
     except ArithmeticError as error:
         raise InputError(where, "numbers that can be computed with", error) from None
 
 
 def one_line(value: object, limit: int = 120) -> str:
-    """`value` as text without line breaks, cut to `limit` characters."""
-    text = " ".join(str(value).split()) or repr(value)
+    """`value` as text without line breaks, cut to `limit` characters; see `printable`."""
+    text = printable(" ".join(str(value).split()) or repr(value))
     return text if len(text) <= limit else text[: limit - 1] + "…"
+
+
+def printable(text: str) -> str:
+    """`text` with control characters as escapes, so that none of them changes a terminal.
+
+    Line breaks and tabs remain.
+    """
+    return "".join(
+        c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text
+    )

@@ -12,7 +12,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from softdyn.exceptions import InputError
+from softdyn.exceptions import FormatError, InputError
+from softdyn.formats import without_format
 
 MAX_TOML = 1_000_000  # bytes
 LEFT_OVER = 600.0  # s; the writer of an older `.part` file is surely gone
@@ -62,21 +63,23 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """The table in a TOML file of at most `MAX_TOML` bytes.
+    """The table in a TOML file of at most `MAX_TOML` bytes, without the key that states its format.
 
     Raises
     ------
     InputError
-        If the file cannot be read, is larger, or is no valid TOML.
+        If the file cannot be read or is larger.
+    FormatError
+        If it is no valid TOML, or of another version.
     """
     content = read_bytes(path, MAX_TOML)
     try:
         table = tomllib.loads(content.decode())
         if _holds_large_integer(table):  # Python refuses to print thousands of digits
             raise ValueError("an integer of more than 64 bits")
-        return table
     except (ValueError, RecursionError) as error:  # numbers of 5000 digits, deep arrays
-        raise InputError(str(path), "a TOML file", error) from None
+        raise FormatError(str(path), "a TOML file", error) from None
+    return dict(without_format(table, str(path)))
 
 
 def read_bytes(path: str | Path, most: int) -> bytes:

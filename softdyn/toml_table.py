@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 from softdyn.checks import did_you_mean, number
 from softdyn.exceptions import InputError, errors_in
 from softdyn.files import as_path, read_toml
+from softdyn.formats import without_format
 
 UNITS: dict[str, dict[str, float]] = {
     "length": {"mm": 1e-3, "cm": 1e-2, "m": 1.0},
@@ -61,13 +62,13 @@ class TomlTable:
     Raises
     ------
     InputError
-        For anything but a mapping.
+        For anything but a mapping, and for a table that states another format than softdyn reads.
     """
 
     def __init__(self, values: Any, where: str) -> None:
         if not isinstance(values, Mapping):
             raise InputError(where, "a table", repr(values))
-        self.values, self.where = values, where
+        self.values, self.where = without_format(values, where), where
         self._known: list[str] = []  # keys that were asked for
         self._usual: list[str] = []  # the same, each with its commonest unit alone
 

@@ -60,6 +60,13 @@ def test_python(tmp_path: Path):
     assert not code_lines.is_command("scripts/new.py", ast.parse("main = 1"))
 
 
+def test_promised_and_provisional_names():
+    text = (
+        "*Names of `a.b`:* `one` `Two`° `three`\n\nNames of `no`: `four`\n*Names of `a`:* `one`\n"
+    )
+    assert code_lines.listed_names(text) == ({"a.b.one", "a.b.three", "a.one"}, {"a.b.Two"})
+
+
 def test_javascript():
     text = 'const url = "http://x";  // counted\n\n/* not\ncounted */\n// nor this\nf("/*");\ng();'
     assert code_lines.script_lines(text) == 3
@@ -76,7 +83,8 @@ def test_the_whole_names_every_figure():
     commands = [path.stem for path in (ROOT / "scripts").glob("*.py")]
     helpers = {"__init__", "__main__", "cli", "study_options"}
     assert figures["commands"] == len(set(commands) - helpers)
-    for label in ("lines, Python, wheel", "lines, Python, proof", "kernels", "public names"):
+    counted = ("lines, Python, wheel", "lines, Python, proof", "kernels", "public names")
+    for label in (*counted, "names promised", "names provisional", "other names"):
         assert figures[label] > 0
     folders = [n for label, n in figures.items() if label.endswith("/")]
     assert sum(folders) == sum(n for label, n in figures.items() if label.startswith("lines, "))

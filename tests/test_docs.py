@@ -132,6 +132,7 @@ WITH_TESTS = {
     "silicone_arm.md",
     "bench.md",
     "your_controller.md",
+    "files.md",
     "first_minutes.md",
 }
 
@@ -210,9 +211,21 @@ def test_your_own_controller(follow: Follow, tmp_path: Path) -> None:
     result = json.loads((tmp_path / "result.json").read_text())
     assert (result["controller"], result["failed"]) == ("my_controller.py:SpringPull", False)
     assert "SpringPull" in (tmp_path / "comparison" / "table.md").read_text()
+    shown = said(output, 'log["spring"].shape')
+    assert shown == "(400, 3) (('x', 'N'), ('y', 'N'), ('z', 'N')) ['far' 'near']\n"
+    assert '"phase"' in (tmp_path / "pull.html").read_text(encoding="utf-8")
     broken = said(output, "Brake")
     assert "the controller failed at t = 0 s: u: expected finite numbers" in broken
     assert broken.endswith("exit code 1\n")
+
+
+def test_files_and_their_versions(follow: Follow) -> None:
+    output = follow(ROOT / "docs/files.md")
+    refused = said(output, "later.toml")
+    assert "got softdyn-toml-2, of another version of softdyn" in refused
+    assert refused.endswith("exit code 2\n")
+    shown = said(output, "print(list(again))")
+    assert shown in (ROOT / "docs/files.md").read_text(encoding="utf-8")
 
 
 def test_the_notebook_runs_as_it_stands_and_shows_the_viewer_inside(tmp_path: Path) -> None:

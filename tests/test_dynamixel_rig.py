@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,6 +18,7 @@ from softdyn.validation.bench.fail_safe import StopCause
 from tests.support import ROOT, dynamixel_bus
 from tests.support.benched import Hands
 from tests.support.command import command
+from tests.support.sweeps import wait_for
 
 PERIOD = 0.01
 WATCHDOG, TORQUE_ON = dynamixel_bus.WATCHDOG, dynamixel_bus.TORQUE_ON
@@ -47,15 +47,6 @@ def bus(model, monkeypatch):
     monkeypatch.setattr(example, "PATIENCE", 200.0)
     yield made
     made.close()
-
-
-def soon(what):
-    """Whether it becomes true: the motors' thread may be late."""
-    for _ in range(3000):
-        if what():
-            return True
-        time.sleep(0.01)
-    return False
 
 
 def driven(model, bus, driver, duration=0.5, on_step=None):
@@ -119,8 +110,8 @@ def test_a_dead_motor_stops_the_run(model, bus, monkeypatch):
     assert found.cause is StopCause.STALE
     assert "cable_2" in found.reason
     assert found.log.t[-1] < 0.2 + 0.1 + 3 * PERIOD
-    assert soon(lambda: bus.registers[0][TORQUE_ON] == 0)  # the living one is relaxed
-    assert soon(lambda: bus._winches.rig.state()["relaxed_at"] is not None)
+    wait_for(lambda: bus.registers[0][TORQUE_ON] == 0)  # the living one is relaxed
+    wait_for(lambda: bus._winches.rig.state()["relaxed_at"] is not None)
 
 
 def test_a_motor_s_own_fault_stops_the_run(model, bus):
@@ -137,7 +128,7 @@ def test_a_motor_that_does_not_answer_at_the_start(model, bus):
     found = driven(model, bus, example.DynamixelRig(model))
     assert found.cause is StopCause.DRIVER
     assert "motor 2 does not answer" in found.reason
-    assert soon(lambda: bus.registers[0][TORQUE_ON] == 0)
+    wait_for(lambda: bus.registers[0][TORQUE_ON] == 0)
 
 
 def test_the_motors_own_watchdog_is_set_and_taken_back(model, bus):
@@ -148,10 +139,10 @@ def test_the_motors_own_watchdog_is_set_and_taken_back(model, bus):
     bus.hands.pass_(0.2)
     driver.send([-0.001, 0.0])
     driver.read()
-    assert soon(lambda: [one[WATCHDOG] for one in bus.registers] == [255, 255])
+    wait_for(lambda: [one[WATCHDOG] for one in bus.registers] == [255, 255])
     driver.stop()
     driver.stop()
-    assert soon(lambda: [one[TORQUE_ON] for one in bus.registers] == [0, 0])
+    wait_for(lambda: [one[TORQUE_ON] for one in bus.registers] == [0, 0])
     other = example.DynamixelRig(model)
     other.start()
     assert [one[WATCHDOG] for one in bus.registers] == [5, 5]

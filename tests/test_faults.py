@@ -119,10 +119,10 @@ def test_killed_while_writing(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_bytes(b"before")
     code = (
-        "import sys, time\nfrom softdyn.validation.files import atomic\n"
+        "import signal\nfrom softdyn.validation.files import atomic\n"
         f"with atomic({str(path)!r}) as file:\n"
         "    file.write(b'half')\n    file.flush()\n    print('now', flush=True)\n"
-        "    time.sleep(60)"
+        "    signal.pause()"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, text=True
@@ -145,11 +145,13 @@ from softdyn.controllers import Command
 
 class Slow:
     def __init__(self, model):
-        self.u = np.zeros(model.nu)
+        self.u, self.calls = np.zeros(model.nu), 0
 
     def __call__(self, state, reference):
-        Path(__file__).with_name("began").touch()
-        sleep(0.01)
+        self.calls += 1
+        while self.calls == 3:  # until it is interrupted
+            Path(__file__).with_name("began").touch()
+            sleep(0.01)
         return Command(self.u)
 """
 

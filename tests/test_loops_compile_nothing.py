@@ -44,7 +44,7 @@ def test_a_loop_compiles_nothing_after_its_first_step(which: str, name: str) -> 
         Sensor("tip", SensorKind.POSITION, link=model.robot.task, rate=100.0, latency=0.005),
     )
     observer = Ekf(model, sensors)
-    u = np.clip(0.0, model.u_min, model.u_max)
+    u = model.relaxed
     target = SetPoint(model.state(model.q0, np.zeros(model.nv)).y)
     controller.prepare(target)
     before: dict[str, int] = {}

@@ -46,7 +46,8 @@ def tracked() -> Iterator[tuple[str, str]]:
 
 
 def test_no_file_is_somebody_else_s():
-    files = {name: text for name, text in tracked() if name != "tests/test_own_text.py"}
+    own = "tests/test_own_text.py", "tests/formats/log_"  # a log has its settings in one line
+    files = {name: text for name, text in tracked() if not name.startswith(own)}
     assert len(files) > 500
     found = {name: list(signs(text)) for name, text in files.items()}
     theirs = {name: said for name, said in found.items() if said}

@@ -83,6 +83,7 @@ DESIGN = [
     (design.Section,
      {"length": 0.2, "radius": 0.01, "material": RUBBER, "segments": 3, "freedoms": ("twist",),
       "inner_radius": 0.0, "bending_stiffness": 1.0, "torsional_stiffness": 1.0, "mass": 1.0,
+      "axial_stiffness": 1.0, "shear_stiffness": 1.0,
       "rest": {}, "discs": 2, "disc": PLATE, "plate": PLATE, "name": "one"}),
     (design.Cable,
      {"angle": 0.0, "offset": 0.01, "straight": False, "max_tension": 1.0, "start": 0, "end": 0,
@@ -198,6 +199,7 @@ def test_the_table_lists_the_public_functions():
         "Diagnosis",
         "StaticsError",
         "StuckRest",
+        "NoEquilibrium",
     }
     tested |= {"Design", "FREEDOMS", "Layout", "arm_of", "read"}
     tested |= {

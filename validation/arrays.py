@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.lib import format as npy
 
-from softdyn import InputError
+from softdyn import FormatError, InputError
 
 MAX_BYTES = 2**30  # for all arrays of one file: a million control steps of a large robot
 
@@ -33,7 +33,9 @@ def read_npz(path: str | Path, expected: str, kind: str = "file") -> dict[str, n
     Raises
     ------
     InputError
-        The file cannot be read, is damaged, has pickled objects or holds more than `MAX_BYTES`.
+        The file cannot be read.
+    FormatError
+        It is damaged, has pickled objects or holds more than `MAX_BYTES`.
     """
     try:
         with open(path, "rb") as file, zipfile.ZipFile(file) as archive:
@@ -41,7 +43,7 @@ def read_npz(path: str | Path, expected: str, kind: str = "file") -> dict[str, n
     except OSError as error:
         raise InputError(str(path), f"a readable {kind}", error.strerror or error) from None
     except Exception as error:  # zipfile, zlib and NumPy raise many exceptions
-        raise InputError(str(path), expected, error) from None
+        raise FormatError(str(path), expected, error) from None
 
 
 def _arrays(archive: zipfile.ZipFile) -> dict[str, np.ndarray]:

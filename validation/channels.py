@@ -1,13 +1,11 @@
-"""A quantity that a run records: its name, its columns with their units, and its values."""
+"""The quantities that every run of a robot records, with the names and units of their columns."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
-
-import numpy as np
 
 from softdyn import SoftModel
+from softdyn.controllers.channels import LogChannel
 from softdyn.description.robot import input_units
 from softdyn.description.stated_task import ROWS
 from softdyn.description.task_mark import TaskMark
@@ -19,67 +17,6 @@ AXES = tuple((axis, "m") for axis in "xyz")
 UNIT_OF = dict(zip(ROWS, ("m", "m", "m", "rad", "rad", "rad"), strict=True)) | dict.fromkeys(
     ("dx", "dy", "dz"), ""
 )  # of a target's numbers
-
-
-@dataclass(frozen=True, eq=False)
-class LogChannel:
-    """A quantity of a run.
-
-    Attributes
-    ----------
-    name : str
-        Its attribute of a log.
-    columns, units : tuple of str or None, tuple of str
-        Name and unit of each of its columns; None for one number per row, maybe with a unit.
-    held : bool
-        Whether a value is held from one sample to the next, as an input is. A run of N control
-        steps has N such values, and N + 1 of any other channel.
-    title : str
-        First part of its columns' names in CSV, e.g. ``tip``.
-    text : bool
-        Whether it is text instead of numbers.
-    values : np.ndarray, (N,) or (N + 1,), or with a second axis of the columns
-        Its values; none before the run.
-    """
-
-    name: str
-    columns: tuple[str, ...] | None = None
-    units: tuple[str, ...] = ()
-    held: bool = False
-    title: str = ""
-    text: bool = False
-    values: np.ndarray = field(default_factory=lambda: np.zeros(0))
-
-    @classmethod
-    def of(
-        cls, name: str, columns: Iterable[tuple[str, str]], title: str = "", held: bool = False
-    ) -> LogChannel:
-        """A channel from the (name, unit) of its columns."""
-        pairs = list(columns)
-        return cls(name, tuple(n for n, _ in pairs), tuple(u for _, u in pairs), held, title)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The names of its columns in CSV, e.g. ``tip.x``."""
-        title = self.title or self.name
-        return (title,) if self.columns is None else tuple(f"{title}.{n}" for n in self.columns)
-
-    @property
-    def titles(self) -> tuple[str, ...]:
-        """The same with units, e.g. ``tip.x (m)``."""
-        units = self.units or ("",) * len(self.names)
-        return tuple(f"{n} ({u})" if u else n for n, u in zip(self.names, units, strict=True))
-
-    def empty(self, samples: int) -> np.ndarray:
-        """An array for a number of samples, without a value yet: NaN, or no text."""
-        rows = samples - self.held
-        if self.text:
-            return np.full(rows, "", dtype=object)
-        return np.full(rows if self.columns is None else (rows, len(self.columns)), np.nan)
-
-    def filled(self, values: np.ndarray) -> LogChannel:
-        """The same channel with these values."""
-        return replace(self, values=values)
 
 
 def coordinates(model: SoftModel) -> list[tuple[str, str]]:

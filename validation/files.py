@@ -8,11 +8,13 @@ import json
 import math
 import os
 import re
-from collections.abc import Set
+import tempfile
+from collections.abc import Callable, Set
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from softdyn import InputError
+from softdyn import FormatError, InputError
 from softdyn.files import atomic as atomic
 from softdyn.files import beside, followed, is_stream, not_writable, read_bytes
 from softdyn.files import write_text as write_text
@@ -73,6 +75,40 @@ def check_outputs(*paths: str | Path | None, read: Set[Path] = frozenset()) -> N
         seen.add(target)
 
 
+def save_somewhere(write: Callable[[str], Any], path: str) -> tuple[str, InputError | None]:
+    """Write what cannot be made again, to another folder if there is no room for `path`.
+
+    Parameters
+    ----------
+    write : Callable[[str], Any]
+        Writes to a path, or raises InputError.
+    path : str
+        The path that was asked for.
+
+    Returns
+    -------
+    tuple[str, InputError | None]
+        The path that was written, and why it is not the one that was asked for.
+
+    Raises
+    ------
+    InputError
+        No folder has room: neither that of temporary files, nor the present one, the home folder
+        or shared memory.
+    """
+    try:
+        write(path)
+    except InputError as error:
+        name = f"{os.urandom(4).hex()}-{Path(path).name}"
+        for folder in (tempfile.gettempdir(), os.curdir, os.path.expanduser("~"), "/dev/shm"):
+            other = os.path.join(folder, name)
+            with suppress(InputError, OSError):
+                write(other)
+                return other, error
+        raise
+    return path, None
+
+
 def read_json(path: str | Path, expected: str) -> dict[str, Any]:
     """The object in a JSON file that `write_json` may have written.
 
@@ -85,8 +121,9 @@ def read_json(path: str | Path, expected: str) -> dict[str, Any]:
     Raises
     ------
     InputError
-        The file cannot be read, has more than `MAX_JSON` bytes or is no JSON object. Also if a name
-        occurs twice or a number is not finite.
+        The file cannot be read, or has more than `MAX_JSON` bytes.
+    FormatError
+        It is no JSON object, a name occurs twice, or a number is not finite.
     """
     content = read_bytes(path, MAX_JSON)
     try:
@@ -96,7 +133,7 @@ def read_json(path: str | Path, expected: str) -> dict[str, Any]:
         if _holds_infinity(value):
             raise ValueError("a number that is not finite")
     except (ValueError, RecursionError, MemoryError) as error:
-        raise InputError(str(path), expected, error) from None
+        raise FormatError(str(path), expected, error) from None
     return value
 
 

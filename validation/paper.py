@@ -18,3 +18,4 @@ from softdyn.validation.studies.experiments import second_cycle_mse_cm2 as secon
 from softdyn.validation.studies.experiments import set_point as set_point
 from softdyn.validation.studies.experiments import spread as spread
 from softdyn.validation.studies.experiments import tracking as tracking
+from softdyn.validation.studies.experiments import trajectory as trajectory

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from softdyn import SoftModel
-from softdyn.validation.loop.arguments import ReferenceLike, RunOptions
+from softdyn.validation.loop.arguments import ReferenceLike
 from softdyn.validation.loop.closed_loop import ClosedLoop, Controller, OnStep
 from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.settings import RunOptions
 
 
 def simulate(
@@ -37,10 +40,8 @@ def simulate(
     on_step : Callable[[float, State, ControllerOutput], None], optional
         Called with t (s), the State and the answer at every control step.
     **options : Any
-        The fields of `RunOptions`: ``duration``, ``period``, ``timestep``, ``integrator``, ``q0``,
-        ``v0``, ``contacts``, ``friction``, ``plant``, ``rig``, ``observer``, ``surroundings``,
-        ``name``. A `plant` may also be the path of an MJCF file; a warning is given if that differs
-        from the model's.
+        The settings of the run: the fields of `RunOptions`. A `plant` may also be the path of an
+        MJCF file; a warning is given if that differs from the model's.
 
     Returns
     -------
@@ -55,14 +56,14 @@ def simulate(
         Any exception of the controller, the observer or the reference, and the KeyboardInterrupt
         of Ctrl-C, unchanged. The exception has the run so far as its attribute ``log``, a `Log`.
     """
-    if isinstance(file := options.get("plant"), str | Path):
-        from softdyn.validation.mjcf.scene import Scene  # most runs need no reader of MJCF
+    given = RunOptions.of(options)
+    if isinstance(given.plant, str | Path | Mapping):
+        from softdyn.validation.mjcf.scene import scene_of  # most runs need no reader of MJCF
 
-        scene = Scene(model, file)
+        scene = scene_of(model, given.plant)
         if not scene.comparison.passed:
             warnings.warn(f"{scene.path}: {scene.comparison.verdict}", stacklevel=2)
-        options["plant"] = scene
-    given = RunOptions.of(options)
+        given = replace(given, plant=scene)
     # a run resets its controller, so that threads that share one take turns
     with getattr(getattr(controller, "guard", None), "lock", nullcontext()):
         loop = ClosedLoop(model, controller, reference, given)

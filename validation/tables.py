@@ -16,7 +16,7 @@ _TEX = str.maketrans({
     "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "_": r"\_", "&": r"\&", "%": r"\%",
     "#": r"\#", "$": r"\$", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}",
     "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", "\n": " ",
-    "±": r"$\pm$", "²": "$^2$", "π": r"$\pi$", "θ": r"$\theta$", "ω": r"$\omega$",
+    "±": r"$\pm$", "²": "$^2$", "µ": r"$\mu$", "π": r"$\pi$", "θ": r"$\theta$", "ω": r"$\omega$",
 })  # fmt: skip
 
 
@@ -72,14 +72,30 @@ class Table:
         made[1:1] = [" | ".join("---" for _ in self.titles)]
         return "\n".join(f"| {line} |" for line in made)
 
-    def latex(self, sides: str) -> str:
-        """A booktabs table with a rule above each new first cell; `sides` goes to tabular."""
+    def latex(self, sides: str, above: Sequence[tuple[str, int]] = (), note: str = "") -> str:
+        """A booktabs table, with a rule above each new first cell where some have several lines.
+
+        Parameters
+        ----------
+        sides : str
+            The columns of the tabular, such as ``lcc``.
+        above : sequence of (str, int)
+            A line above the titles: texts, and the number of columns that each stands over.
+        note : str
+            A last line below the table, in small print.
+        """
         titles, *lines = ([cell.translate(_TEX) for cell in line] for line in self.lines)
-        made = [rf"\begin{{tabular}}{{{sides}}}", r"\toprule", " & ".join(titles) + r" \\"]
-        for line, new in _grouped(lines):
-            made += [r"\midrule"] if new else []
+        made = [rf"\begin{{tabular}}{{{sides}}}", r"\toprule", *_above(above)]
+        made.append(" & ".join(titles) + r" \\")
+        grouped = len({line[0] for line in lines}) < len(lines)
+        for k, (line, new) in enumerate(_grouped(lines)):
+            made += [r"\midrule"] if k == 0 or (new and grouped) else []
             made.append(" & ".join(line if new else ["", *line[1:]]) + r" \\")
-        return "\n".join([*made, r"\bottomrule", r"\end{tabular}"]) + "\n"
+        made.append(r"\bottomrule")
+        if note:
+            width = rf"\multicolumn{{{len(self.titles)}}}{{p{{0.9\linewidth}}}}"
+            made.append(rf"{width}{{\footnotesize {note.translate(_TEX)}}} \\")
+        return "\n".join([*made, r"\end{tabular}"]) + "\n"
 
     def html(self, bad: Sequence[Collection[int]]) -> str:
         """A table whose rows with a new first cell are of class ``first``.
@@ -115,6 +131,19 @@ def document(*blocks: str) -> str:
 def inline(text: Any) -> str:
     """Text on one line that Markdown shows as it is."""
     return " ".join(str(text).split()).replace("<", "&lt;")
+
+
+def _above(heads: Sequence[tuple[str, int]]) -> Iterator[str]:
+    """A line of heads over several columns each, and a rule below each of them."""
+    if not any(text for text, _ in heads):
+        return
+    cells, rules, first = [], [], 1
+    for text, width in heads:
+        cells.append(rf"\multicolumn{{{width}}}{{c}}{{{text.translate(_TEX)}}}")
+        rules += [rf"\cmidrule(lr){{{first}-{first + width - 1}}}"] if text else []
+        first += width
+    yield " & ".join(cells) + r" \\"
+    yield "".join(rules)
 
 
 def _cell(value: Any, form: str) -> str:

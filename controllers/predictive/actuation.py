@@ -13,6 +13,7 @@ import numpy as np
 from softdyn import InputError, SoftModel
 from softdyn.actuation.drives import Drives, lag_shares
 from softdyn.checks import number
+from softdyn.controllers.controller import KnownRig
 from softdyn.description.rig import LONGEST_DELAY
 
 MOST_WAITING = 20_000  # commands on their way: 10 s in periods of 0.5 ms
@@ -41,13 +42,24 @@ class Actuation:
 
     @classmethod
     def of(
-        cls, model: SoftModel, delay: float | None = None, lag: float | None = None
+        cls,
+        model: SoftModel,
+        delay: float | None = None,
+        lag: float | None = None,
+        rig: KnownRig | None = None,
     ) -> Actuation:
-        """The actuation of a robot: the longest delay and lag of its file where none is given."""
+        """The actuation of a robot: delay and lag of the rig where none is given.
+
+        Without a rig they are the longest of the robot's file.
+        """
         actuators = model.robot.actuators
-        if delay is None:
+        if delay is None and rig is not None:
+            delay = rig.delay
+        elif delay is None:
             delay = max((actuator.delay for actuator in actuators), default=0.0)
-        if lag is None:
+        if lag is None and rig is not None:
+            lag = rig.lag
+        elif lag is None:
             lag = max((actuator.lag for actuator in actuators), default=0.0)
         return cls(delay, lag)
 

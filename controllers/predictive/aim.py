@@ -102,7 +102,6 @@ def aim_of(model: SoftModel, tasks: Any) -> Aim:
     found, tip = checked_tasks(model, tasks)
     levels = sorted({task.level for task in found})
     if len(levels) > 1:
-        laws = "soft-id-clf-qp, id-clf-qp, clf-qp, ic, uic and ic-qp"
-        expected = f"weighted tasks of one level; several levels are for {laws}"
+        expected = "weighted tasks of one level; the paper's QPs keep several"
         raise InputError("tasks", expected, f"levels {', '.join(map(str, levels))}")
     return TipAim(found[0].name if found else "") if tip else TasksAim(model, found)

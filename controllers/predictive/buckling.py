@@ -29,7 +29,7 @@ def buckling_input(model: SoftModel) -> np.ndarray | None:
     the part of the way to the largest inputs that the joints do not feel.
     """
     B = model.state(model.q0, np.zeros(model.nv)).B
-    low = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
+    low = model.relaxed
     size = np.maximum(np.linalg.norm(B, axis=0), 1e-300)
     null = unseen((B / size).T @ (B / size))
     way = null @ ((model.u_max - low) * size) / size

@@ -10,7 +10,8 @@ import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.checks import vector
-from softdyn.controllers.controller import SILENT, Command, WrappingController
+from softdyn.controllers.channels import values_of
+from softdyn.controllers.controller import IDEAL, SILENT, Command, KnownRig, WrappingController
 from softdyn.controllers.predictive.actuation import Actuation
 from softdyn.controllers.predictive.prediction import ahead
 from softdyn.controllers.predictive.pulls import FrictionPulls
@@ -44,9 +45,10 @@ class Compensated(WrappingController):
     model : SoftModel
         The robot.
     lag, delay : float, optional
-        Lag and delay of the actuators (s); by default the longest of the robot's file.
+        Lag and delay of the actuators (s); by default those of the plant that `reset` names, else
+        the longest of the robot's file.
     friction : float or array_like, (tendons,), optional
-        Coefficients of the cables' friction; by default those of the robot's file.
+        Coefficients of the cables' friction; by default as for lag and delay.
 
     Raises
     ------
@@ -65,22 +67,25 @@ class Compensated(WrappingController):
         friction: np.ndarray | float | None = None,
     ) -> None:
         super().__init__(controller, model, "compensated {}")
-        self.actuation = Actuation.of(model, delay, lag)
-        self._pulls = FrictionPulls(model, friction)
-        self._model = model
-        if self.tasks and self.actuation.delay > 0:  # it moves one reference only
-            raise InputError("controller", "best or mpc, for tasks behind a delay", controller)
+        self._model, self._given = model, (delay, lag, friction)
         self.reset(STEP)
 
-    def reset(self, period: float) -> None:
-        """Begin a run with a control period (s).
+    def reset(self, period: float, rig: KnownRig | None = None) -> None:
+        """Begin a run with a control period (s), on a plant behind a rig; by default the file's.
+
+        The other controller begins as on a plant without a rig, which this one makes of it.
 
         Raises
         ------
         InputError
-            As `Actuation.reset` does.
+            As `Actuation.reset` does, and for tasks behind a delay.
         """
-        super().reset(period)
+        super().reset(period, IDEAL)
+        delay, lag, friction = self._given
+        self.actuation = Actuation.of(self._model, delay, lag, rig)
+        self._pulls = FrictionPulls(self._model, friction, rig)
+        if self.tasks and self.actuation.delay > 0:  # it moves one reference only
+            raise InputError("controller", "best or mpc, for tasks behind a delay", self.inner)
         self.actuation.reset(period, self.guard.held)
 
     @SILENT
@@ -103,7 +108,10 @@ class Compensated(WrappingController):
         )  # fmt: skip
         link.send(command.u)
         u = self._pulls(command.u, state) if self._pulls.rubs else command.u
-        return replace(command, u=u, distance=getattr(answer, "distance", np.nan))
+        return replace(
+            command, u=u, distance=getattr(answer, "distance", np.nan),
+            values=values_of(self.channels, answer),
+        )  # fmt: skip
 
     def applied(self, u: np.ndarray) -> None:
         """The input u (nu,) was sent instead of the last command's.

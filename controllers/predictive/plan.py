@@ -6,7 +6,7 @@ A path obeys the analytic model in steps T of backward Euler,
 
     M (q̇⁺ - q̇) / T + h - B ā + stops = 0 at (q⁺, q̇⁺),   q⁺ = q ⊕ T q̇⁺,   a⁺ = E a + (1 - E) c,
 
-where a joint beyond a limit meets a stiff spring. (With those of `softdyn.dynamics.implicit_step`,
+where a joint beyond a limit meets a stiff spring (`SpringStops`). (With the stops of `Stops`,
 `best` on SpiRob at θ = 0.25 with a lag of 10 ms ended at 7.38 cm instead of 0.29.) E = e^(-T/λ) is
 the share of the acting input a that actuators of lag λ keep, and ā its mean over the step
 (`softdyn.actuation.drives`). The commands c minimise
@@ -42,8 +42,11 @@ from softdyn.actuation.drives import lag_shares
 from softdyn.controllers.predictive.background import Job
 from softdyn.controllers.predictive.objective import stiffness_at_rest
 from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget
+from softdyn.controllers.predictive.stops import SpringStops
 from softdyn.controllers.qps.qp import DenseQp, QpProblem
 from softdyn.dynamics.balance import ForceBalance
+from softdyn.dynamics.implicit_step import ImplicitStep
+from softdyn.dynamics.stops import Stops
 
 STUCK = 1.0  # s without arriving after which targets are searched for, or another plan is made
 ARRIVES = 0.5  # s later they act, however long the search took
@@ -58,7 +61,6 @@ STEPS = 150
 FORM = 0.3  # σ
 HORIZON, SPEED, RATE, HOLD = 0.3, 0.05, 1e-3, 1e-3  # s, s; the weights, as `Mpc` has them
 TAIL = 50.0
-STOP = 1e4  # stiffness of a stop, in M_jj / T²
 ITERATIONS = 60
 SETTLED = 1e-3  # relative decrease of the cost at which it ends
 DAMPED = 1.0  # in diag(R): a step shorter than with this is not tried
@@ -66,9 +68,7 @@ SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried until the cost falls
 CLOSING = (0.15, 0.07)  # the same while there are gaps
 CLOSED = 1.0  # sum of the gaps below which a whole step closes them
 GAPS = 1e3  # cost of the sum of the gaps
-NEWTON = 12  # iterations of a step
-CLOSE = 1e-4  # rad, m: a step's error before Newton's last iteration
-SOLVED = 1e-3  # rad, m: a larger one is no solution
+CLOSE = 1e-4  # rad, m: a step's error before Newton's last iteration, which leaves its square
 
 
 class PlanFollower:
@@ -99,9 +99,10 @@ class PlanFollower:
         self._asked: Job[Plan | None] | None = None
         self.reset(0.0)
 
-    def reset(self, period: float) -> None:
-        """Begin a run with a control period (s)."""
+    def reset(self, period: float, lag: float | None = None) -> None:
+        """Begin a run with a control period and another lag (s); by default the lag stays."""
         self._period = period
+        self._lag = self._lag if lag is None else lag
         self.begin(())
 
     def begin(self, targets: Sequence[RestTarget]) -> None:
@@ -334,9 +335,10 @@ class PathProblem:
     change: np.ndarray
 
     @cached_property
-    def balance(self) -> ForceBalance:
-        """The balance of the joint forces under the inputs that act."""
-        return ForceBalance(self.model, motors=())
+    def step(self) -> ImplicitStep:
+        """A step under the inputs that act, with springs for stops."""
+        balance = SpringStops(self.model, ForceBalance(self.model, motors=()), STEP)
+        return ImplicitStep(self.model, balance, Stops.none(self.model), CLOSE)
 
     @property
     def aim(self) -> np.ndarray:
@@ -506,33 +508,13 @@ def _step(
     Newton's method from a guess of the velocity after it; None if it does not converge.
     """
     model, n, m = problem.model, problem.model.nv, problem.model.nu
-    balance, after, missed = problem.balance, guess, np.inf
-    for _ in range(NEWTON):
-        there, speed = model.integrate(q, STEP * after), after
-        if missed < CLOSE:  # the last iteration left its square
-            break
-        at = model.coordinates(there)
-        beyond = at - np.clip(at, model.lower, model.upper)
-        terms = balance(there, speed, (speed - v) / STEP, mean)
-        spring = STOP / STEP**2 * terms.by_a.diagonal()
-        force, K = terms.residual + spring * beyond, terms.by_q
-        K.flat[:: n + 1] += np.where(beyond != 0, spring, 0.0)
-        matrix = terms.by_a + STEP * terms.by_v + STEP**2 * K
-        right = np.column_stack((force, K, terms.by_a, -terms.by_commands))
-        try:
-            solved = STEP * np.linalg.solve(matrix, right)
-        except np.linalg.LinAlgError:
-            return None
-        missed = STEP * float(np.abs(solved[:, 0]).max())
-        after = after - solved[:, 0]
-        if not np.isfinite(missed):
-            return None
-    if not missed < SOLVED:
+    found = problem.step(q, v, mean, np.zeros(0), STEP, guess=guess)
+    if found is None:
         return None
-    state = model.state(there, speed)
+    state = model.state(found.q, found.v)
     A, B = np.zeros((2 * n + m, 2 * n + m)), np.zeros((2 * n + m, m))
-    by_q, by_v, by_u = solved[:, 1 : n + 1], solved[:, n + 1 : 2 * n + 1], solved[:, 2 * n + 1 :]
-    A[n : 2 * n] = np.hstack((-by_q, by_v / STEP, problem.mean * by_u))
+    by_u = found.by_force @ state.B
+    A[n : 2 * n] = np.hstack((found.by_state, problem.mean * by_u))
     B[n : 2 * n] = (1 - problem.mean) * by_u
     A[:n], B[:n] = STEP * A[n : 2 * n], STEP * B[n : 2 * n]
     A[:n, :n] += np.eye(n)

@@ -27,6 +27,7 @@ import numpy as np
 
 from softdyn import SoftModel, State
 from softdyn.actuation import Capstan
+from softdyn.controllers.controller import KnownRig
 from softdyn.controllers.predictive.objective import stiffness_at_rest
 from softdyn.dynamics.projection import underlying_tree
 
@@ -45,6 +46,8 @@ class FrictionPulls:
         The robot.
     friction : float or array_like, (tendons,), optional
         Coefficients that replace those of the file, see `softdyn.actuation.Capstan`.
+    rig : KnownRig, optional
+        The rig whose coefficients hold where none are given; by default the file's.
 
     Attributes
     ----------
@@ -57,9 +60,17 @@ class FrictionPulls:
         For coefficients that `Capstan` refuses.
     """
 
-    def __init__(self, model: SoftModel, friction: np.ndarray | float | None = None) -> None:
+    def __init__(
+        self,
+        model: SoftModel,
+        friction: np.ndarray | float | None = None,
+        rig: KnownRig | None = None,
+    ) -> None:
+        smooth = friction is None and rig is not None and rig.friction is None
+        if friction is None and rig is not None:
+            friction = rig.friction
         self._model, self._capstan = model, Capstan(model, friction)
-        self.rubs = len(self._capstan.tendon) > 0
+        self.rubs = len(self._capstan.tendon) > 0 and not smooth
         self._tendon = underlying_tree(model)[0].actuated
         self._springs = np.array(model.stiffness)
         self._compliance, self._shares = np.empty((0, 0)), np.ones(model.nu)

@@ -14,6 +14,8 @@ import numpy as np
 from softdyn import Reference, SoftModel, statics
 from softdyn.controllers.predictive.background import Job
 from softdyn.controllers.predictive.buckling import buckling_input
+from softdyn.copies import KeepsMaking
+from softdyn.dynamics.stops import Stops
 from softdyn.statics import Equilibrium, StaticsError
 from softdyn.statics.target_search import SECONDS, all_at
 from softdyn.statics.unknown_inputs import TargetProblem
@@ -80,7 +82,7 @@ def folded(
         if k % 2:
             shape += ASIDE * rng.normal(size=n)
             u = u * (1 + ASIDE * rng.normal(size=len(u)))
-        shape = np.clip(shape, model.lower, model.upper)
+        shape = Stops.of(model).within(shape)
         yield model.configuration(shape), np.clip(u, model.u_min, model.u_max)
 
 
@@ -89,7 +91,7 @@ _KNOWN: WeakKeyDictionary[SoftModel, dict[tuple[Any, ...], tuple[RestTarget, ...
 _KNOWN = WeakKeyDictionary()
 
 
-class RestTargets:
+class RestTargets(KeepsMaking):
     """The targets of each set point, found once and kept.
 
     They are the equilibria within 5 mm of the set point, or as near as the nearest, with the least

@@ -33,7 +33,7 @@ class Horizon:
     """
 
     def __init__(self, model: SoftModel, tau: float) -> None:
-        self._model, self._tau = model, tau
+        self._model, self.tau = model, tau
         # without elastic tendons K' is constant
         elastic = model.tendon_stiffness.any()
         self._constant = None if elastic else model.tangent_stiffness(model.q0)
@@ -47,17 +47,17 @@ class Horizon:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # views would become separate arrays in a copy
-        return Horizon, (self._model, self._tau)
+        return Horizon, (self._model, self.tau)
 
     def __call__(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """M (n, n) and h (n,) over the horizon."""
-        if self._tau == 0:
+        if self.tau == 0:
             return state.M, state.h
         stiffness = self._constant
         if stiffness is None:
             v = state.v if self._slackens else None
             stiffness = self._model.tangent_stiffness(state.q, v)
-        _over(state.M, state.h, state.D, state.v, stiffness, self._tau, self._M, self._h)
+        _over(state.M, state.h, state.D, state.v, stiffness, self.tau, self._M, self._h)
         return self._answer
 
 
@@ -70,5 +70,5 @@ def _over(M, h, D, v, stiffness, tau, M_over, h_over):
 
 
 def default_horizon(gains: Gains) -> float:
-    """The default horizon (s): ε, the time in which V must decrease; see `docs/hold.md`."""
+    """The horizon (s) of the paper's finger and helix: ε; see `docs/hold.md` for other arms."""
     return gains.eps

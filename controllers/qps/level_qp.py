@@ -111,6 +111,7 @@ class LevelQp:
         margin = BACKOFF * (model.u_max - model.u_min)
         self._lower, self._upper = model.u_min + margin, model.u_max - margin
         self._nu, self._qps = model.nu, dict[tuple[int, int], DenseQp]()
+        self._failed: QpProblem | None = None
 
     def reset(self) -> None:
         """Do nothing; the QPs have no memory."""
@@ -145,7 +146,7 @@ class LevelQp:
             last, free = level is levels[-1], Z
             found = self._solve(level, scale, x, Z, (square, zero) if last else None)
             if found is None:
-                return guard.fall_back(Status.NOT_SOLVED, tip.V, np.nan)
+                return guard.fall_back(Status.NOT_SOLVED, tip.V, np.nan, self._failed)
             x, Z = found
             if k == len(tip.levels):
                 break
@@ -231,6 +232,7 @@ class LevelQp:
             problem = QpProblem(H, -2 * weights * aim, A, lower[moving], upper[moving])
             found = self._qps[key].solve(problem)
             if found is None or not found.solved:
+                self._failed = problem
                 return None
             y, before = found.x, y
             if not np.abs((y - before)[~counted]).max(initial=0.0) > EXACT * np.abs(y).max():

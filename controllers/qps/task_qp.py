@@ -66,8 +66,6 @@ class Restriction(Protocol):
         problem: QpProblem,
         solution: QpSolution | None,
         state: State,
-        M: np.ndarray,
-        h: np.ndarray,
     ) -> QpSolution | None:
         """`solution` of `problem` if it meets the rows, else a solution with the rows."""
         ...
@@ -139,12 +137,12 @@ class TaskQp:
         )
         solution = self._qp.solve(problem)
         if self._barriers is not None:
-            solution = self._barriers.enforce(problem, solution, state, M, h)
+            solution = self._barriers.enforce(problem, solution, state)
         if solution is None:
-            return guard.fall_back(Status.NON_FINITE, tip.V, np.nan)
+            return guard.fall_back(Status.NON_FINITE, tip.V, np.nan, problem)
         delta = float(solution.x[self._size]) if self._decrease else np.nan
         if not solution.solved:
-            return guard.fall_back(Status.NOT_SOLVED, tip.V, delta)
+            return guard.fall_back(Status.NOT_SOLVED, tip.V, delta, problem)
         return guard.accept(solution.x[: self._nu], tip.V, delta)
 
 

@@ -9,7 +9,6 @@ from typing import Any
 
 from softdyn import SoftModel
 from softdyn.controllers import SoftIdClfQp
-from softdyn.controllers.qps.horizon import default_horizon
 
 
 class OverHold(SoftIdClfQp):
@@ -20,4 +19,4 @@ class OverHold(SoftIdClfQp):
     def __init__(self, model: SoftModel, table: dict[str, Any] | None = None) -> None:
         published = SoftIdClfQp(model).gains
         gains = replace(published, **(table or {}))
-        super().__init__(model, gains, horizon=default_horizon(published))
+        super().__init__(model, gains, horizon=published.eps)

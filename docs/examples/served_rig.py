@@ -28,6 +28,8 @@ class ServedRig:
     def read(self):
         values, stamps = [math.nan] * self.size, [math.nan] * self.size
         for line in self.lines():
+            if "error" in line:  # commands beyond their bounds, or another program drives the rig
+                raise RuntimeError(line["error"])
             for k, value in enumerate(line.get("values", ())):
                 if value is not None:
                     values[k], stamps[k] = value, line["stamps"][k]

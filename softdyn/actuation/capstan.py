@@ -31,7 +31,7 @@ chooses the directions d, for example those of the last motion.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any, NamedTuple
 
@@ -51,8 +51,8 @@ from softdyn.dynamics.derivatives import Derivatives, tendon_curvature, tendon_f
 from softdyn.dynamics.engine import moved_bodies
 from softdyn.dynamics.model import SoftModel, State, check_model, check_state, taut_gains
 from softdyn.dynamics.projection import Projection, project, underlying_tree
-from softdyn.dynamics.tendons import compile_tendons
-from softdyn.dynamics.wrapped_paths import PlacedPaths, WrappedPaths
+from softdyn.dynamics.tendons import TendonGeometry, compile_tendons
+from softdyn.dynamics.wrapped_paths import WrappedPaths
 
 STRAIGHT = 1e-9  # a wrap angle (rad) below which its gradient has no direction
 
@@ -95,7 +95,7 @@ class Capstan:
             number(f"friction of {tendon.name!r}", value, lower=0.0, upper=MOST_FRICTION)
         tree, self._S = underlying_tree(model)
         dof = {name: k for k, name in enumerate(tree.joint_names)}
-        self._moves = moved_bodies(tree.pin_model)
+        self._moves = moved_bodies(tree.engine)
         found = [
             (t, guide)
             for t, tendon in enumerate(robot.tendons)
@@ -134,19 +134,17 @@ class Capstan:
             For a State of another robot, as in the other methods.
         """
         check_state(self.model, state)
-        coordinates, kinematics = self._coordinates(state), self._kinematics(state)
-        _, arms = self._pieces.geometry(coordinates, *kinematics)
-        angles = np.zeros(len(self.tendon))
-        angles[self._at_joints] = np.abs(coordinates[self._dof])
-        placed = self._placed(kinematics)
-        if placed is not None:
+        geometry = self._geometry(state)
+        arms, angles = self._parts(geometry).moment_arms, np.zeros(len(self.tendon))
+        angles[self._at_joints] = np.abs(geometry.coordinates[self._dof])
+        if self._around:
             guide, piece, end = self._around.halves
             arms = arms.copy()
-            arms[guide] += placed.arms(kinematics[0])[piece, end]
+            arms[guide] += geometry.around.arms[piece, end]
             guide, piece = self._around.turns
-            angles[guide] = placed.courses.turn[piece]
+            angles[guide] = geometry.around.courses.turn[piece]
         if len(self._at_sites):
-            before, behind, _ = self._directions(placed, *kinematics[1:])
+            before, behind, _ = self._directions(geometry)
             apart, along = (np.linalg.norm(x, axis=1) for x in (before - behind, before + behind))
             angles[self._at_sites] = 2 * np.arctan2(apart, along)  # exact at any angle (Kahan)
         return Guides(self, state, angles, arms if self._S is None else arms @ self._S)
@@ -191,34 +189,26 @@ class Capstan:
         behind = (pull * guides.shares(direction, sign))[:, None] * guides.arms
         return -(sign * self.friction * guides.angles * (self._downstream @ behind).T)
 
-    def _kinematics(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Jacobian columns of the tree's joints, as rows, and the poses of its bodies."""
+    def _geometry(self, state: State) -> TendonGeometry:
+        """The tree's cables."""
         model = self.model
         tree, _ = underlying_tree(model)
-        return tree.kinematics(model.expand(state.q) if isinstance(model, Projection) else state.q)
+        q = model.expand(state.q) if isinstance(model, Projection) else state.q
+        return tree.tendon_geometry(q)
 
-    def _coordinates(self, state: State) -> np.ndarray:
-        """Coordinates of the tree's joints."""
-        model = self.model
-        tree, _ = underlying_tree(model)
-        return tree.coordinates(model.expand(state.q) if isinstance(model, Projection) else state.q)
+    def _parts(self, geometry: TendonGeometry) -> TendonGeometry:
+        """The parts of the cables behind the guides, without those beside round bodies."""
+        return replace(geometry, tendons=self._pieces)
 
-    def _placed(self, kinematics: tuple[np.ndarray, np.ndarray, np.ndarray]) -> PlacedPaths | None:
-        """The pieces of all cables around round bodies, if any of them rubs."""
-        tree, _ = underlying_tree(self.model)
-        return tree.tendons.wraps.at(*kinematics[1:]) if self._around else None
-
-    def _directions(
-        self, placed: PlacedPaths | None, rotations: np.ndarray, translations: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _directions(self, geometry: TendonGeometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Unit vectors before and behind each guide at a site, and the points (guides, 3, 3)."""
-        points = np.matmul(rotations[self._bodies], self._offsets)[:, :, 0]
-        points = (points + translations[self._bodies]).reshape(-1, 3, 3)
+        points = np.matmul(geometry.rotations[self._bodies], self._offsets)[:, :, 0]
+        points = (points + geometry.translations[self._bodies]).reshape(-1, 3, 3)
         before, behind = points[:, 1] - points[:, 0], points[:, 2] - points[:, 1]
         before /= np.linalg.norm(before, axis=1)[:, None]
         behind /= np.linalg.norm(behind, axis=1)[:, None]
-        if placed is not None:
-            directions = placed.directions
+        if self._around:
+            directions = geometry.around.directions
             (row, piece, end), (last, beyond, there) = self._around.beside
             before[row], behind[last] = directions[piece, end], -directions[beyond, there]
         return before, behind, points
@@ -229,22 +219,22 @@ class Capstan:
         With the unit vectors a, b before and behind a guide and c = a · b = cos φ,
         ∂φ = -((b - c a) · ∂a + (a - c b) · ∂b) / sin φ.
         """
-        S, rotations, translations = kinematics = self._kinematics(state)
+        geometry = self._geometry(state)
+        S = geometry.S
         found = np.zeros((len(self.tendon), len(S)))
-        found[self._at_joints, self._dof] = np.sign(self._coordinates(state)[self._dof])
-        placed = self._placed(kinematics)
-        if placed is not None:
+        found[self._at_joints, self._dof] = np.sign(geometry.coordinates[self._dof])
+        if self._around:
             guide, piece = self._around.turns
-            found[guide] = placed.turn_gradients(S)[piece]
+            found[guide] = geometry.around.turn_gradients()[piece]
         if len(self._at_sites):
-            before, behind, points = self._directions(placed, rotations, translations)
+            before, behind, points = self._directions(geometry)
             # columns of each point, (points, n, 3)
             moved = S[:, :3] + np.cross(S[:, 3:], points.reshape(-1, 1, 3))
             moved = (moved * self._moves.T[self._bodies, :, None]).reshape(len(points), 3, -1, 3)
             cosine = np.einsum("gi,gi->g", before, behind)[:, None]
             sine = np.linalg.norm(np.cross(before, behind), axis=1)[:, None]
             factor = np.where(sine > STRAIGHT, -1.0 / np.maximum(sine, STRAIGHT), 0.0)
-            rates = None if placed is None else placed.direction_rates(S, self._moves)
+            rates = geometry.around.direction_gradients(self._moves) if self._around else None
             for k, (one, other) in enumerate(((before, behind), (behind, before))):
                 length = np.linalg.norm(points[:, k + 1] - points[:, k], axis=1)
                 across = factor * (other - cosine * one)
@@ -259,13 +249,11 @@ class Capstan:
         """Σ force ∂²ℓ/∂q² (n, n) of the pieces behind the guides."""
         if not self._pieces.spatial and not self._around:
             return np.zeros((self.model.nv, self.model.nv))
-        kinematics, rest = self._kinematics(state), np.zeros(len(self._moves))
-        total, _ = self._pieces.curvature(*kinematics, force, rest)
-        placed = self._placed(kinematics)
-        if placed is not None:
+        geometry = self._geometry(state)
+        total, _ = self._parts(geometry).curvature(force, np.zeros(len(self._moves)))
+        if self._around:
             guide, piece, end = self._around.halves
-            rates = placed.arm_rates(kinematics[0])[piece, end]
-            total += np.tensordot(force[guide], rates, 1)
+            total += np.tensordot(force[guide], geometry.around.arm_gradients[piece, end], 1)
         return project(self._S, total)
 
 

@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.description.rig import CommandKind
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.dynamics.winches import Winches
 
@@ -80,8 +79,7 @@ class Drives:
         lag, delay, rate = (
             [getattr(actuator, name) for actuator in actuators] for name in ("lag", "delay", "rate")
         )
-        speeds = np.array([a.command is CommandKind.VELOCITY for a in actuators], bool)
-        return cls(lag, delay, rate, Winches(model), speeds)
+        return cls(lag, delay, rate, Winches(model), model.robot.speeds)
 
     def copy(self) -> Drives:
         """The same motors, which go on apart from these."""

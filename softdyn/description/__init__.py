@@ -13,6 +13,7 @@
   refuses because they change the robot;
 - `robot`: the data: links, joints, tendons, and the tree that they span;
 - `rig`: the data of motors, winches and sensors; `rig_block` reads them from the block;
+- `readings`: names, rows and units of the sensors' readings, and their times;
 - `inertia`: poses; moves and adds inertias, checks that one is physical, finds the nearest
   physical one;
 - `visuals`, `meshes`: the shapes that a robot shows, and its mesh files.

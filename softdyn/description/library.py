@@ -68,4 +68,5 @@ def find(source: str | Path) -> Path:
         raise InputError("robot", "an existing file", text)
     known = [*bundled_names(), *examples]
     near = difflib.get_close_matches(text, known, 3) or bundled_names()
-    raise InputError("robot", f"a URDF file or a name such as {', '.join(near)}", text)
+    more = "" if example_files() else "; `pip install example-robot-data` brings more"
+    raise InputError("robot", f"a URDF file or a name such as {', '.join(near)}{more}", text)

@@ -73,22 +73,33 @@ def locate(urdf: Path, reference: str) -> Path:
     if scheme == "package":
         name, _, path = path.lstrip("/").partition("/")  # some write three slashes
         base = root = _package(folder, name)
-    elif scheme:
-        raise MeshError(f"expected package:// or a relative path, got {reference!r}")
+    elif scheme or Path(path).is_absolute():
+        raise MeshError(
+            f"expected package:// or a path relative to {folder}, got {reference!r}"
+            f"{_relative(folder, path)}"
+        )
     else:
         base = folder
         packages = (f for f in (folder, *folder.parents) if (f / "package.xml").is_file())
         root = next(packages, folder)
     try:
         found = (base / path).resolve()
-        inside = found.is_relative_to(root) and not Path(path).is_absolute()
-        if not inside:
+        if Path(path).is_absolute() or not found.is_relative_to(root):
             raise MeshError(f"expected a mesh inside {root}, got {reference!r}")
         if not found.is_file():
             raise MeshError(f"expected a mesh file, got none at {found}")
     except (OSError, ValueError) as error:  # a name that no system accepts
         raise MeshError(f"expected a mesh file, got {reference!r}: {error}") from None
     return found
+
+
+def _relative(folder: Path, path: str) -> str:
+    """How to write an absolute path to a file below a folder: a hint, or nothing."""
+    try:
+        inside = Path(path).resolve().relative_to(folder)
+    except (OSError, ValueError):
+        return ""
+    return f": write {inside.as_posix()!r}"
 
 
 def _package(folder: Path, name: str) -> Path:

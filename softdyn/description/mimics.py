@@ -6,7 +6,11 @@ from dataclasses import replace
 
 from softdyn.checks import did_you_mean
 from softdyn.description.robot import Joint, Mimic
-from softdyn.description.strict_xml import LARGEST, Element
+from softdyn.description.strict_xml import Element
+
+MOST = 1e6
+"""A larger multiplier is no transmission, and a larger offset (rad, m) no place: M grows with the
+multiplier's square, and products of the file's other numbers are up to 1e150."""
 
 
 def read_mimic(joint: Element) -> Mimic | None:
@@ -52,9 +56,9 @@ def compose_mimics(root: Element, joints: dict[str, Joint]) -> None:
             above = stated[leader.name]
             offset = mimic.multiplier * above.offset + mimic.offset
             mimic = Mimic(above.leader, mimic.multiplier * above.multiplier, offset)
-        if not max(abs(mimic.multiplier), abs(mimic.offset)) <= LARGEST:
+        if not max(abs(mimic.multiplier), abs(mimic.offset)) <= MOST:
             got = f"{mimic.multiplier:g} and {mimic.offset:g} along {', '.join(chain)}"
-            raise element.error(f"a multiplier and an offset within ±{LARGEST:g}", got)
+            raise element.error(f"in <mimic> a multiplier and an offset within ±{MOST:g}", got)
         follower = joints[name]
         whole = mimic.multiplier.is_integer()
         if leader.kind == "continuous" and not (follower.kind == "continuous" and whole):

@@ -94,6 +94,11 @@ class Actuator:
         return self.command is not CommandKind.FORCE
 
     @property
+    def is_speed(self) -> bool:
+        """Whether the command is the rate of a free length."""
+        return self.command is CommandKind.VELOCITY
+
+    @property
     def zero(self) -> float:
         """The offset (m) of a length command; 0 for other commands."""
         return self.offset if self.command is CommandKind.LENGTH else 0.0
@@ -128,36 +133,99 @@ class Actuator:
         return f"Actuator({', '.join(words)})"
 
 
-class SensorKind(Enum):
-    """The quantity that a sensor measures."""
+XYZ = (".x", ".y", ".z")
 
-    LENGTH = "length"
+
+@dataclass(frozen=True)
+class SensorForm:
+    """The form of the readings of one kind of sensor.
+
+    Attributes
+    ----------
+    place : tuple of str
+        The attributes of `Sensor` that place it. The first one names the part that it is on:
+        ``tendon``, ``link`` or ``joint``.
+    quantities : tuple of str, (k,)
+        The quantity of each component: ``length``, ``angle``, ``force``, ``angular speed`` or
+        ``acceleration``. On a joint that turns, or a tendon that sums angles, a length is an angle
+        and a force a torque.
+    suffixes : tuple of str, (k,)
+        The suffix of each component's name.
+    rotation : int, optional
+        The first of the three components of a rotation vector.
+    of_place : bool
+        Whether the readings depend on q alone.
+    linear : bool
+        Whether the reading is linear in q, on a tendon only if it is a fixed one.
+    turns : bool
+        Whether the reading is an angle in (-π, π], whose errors go the short way round.
+    feels_inputs : bool
+        Whether the readings depend on the inputs.
+    """
+
+    place: tuple[str, ...]
+    quantities: tuple[str, ...]
+    suffixes: tuple[str, ...] = ("",)
+    rotation: int | None = None
+    of_place: bool = False
+    linear: bool = False
+    feels_inputs: bool = False
+    turns: bool = False
+
+    @property
+    def size(self) -> int:
+        """The number k of components."""
+        return len(self.quantities)
+
+
+class SensorKind(Enum):
+    """The quantity that a sensor measures, with the form of its readings."""
+
+    form: SensorForm
+
+    LENGTH = "length", SensorForm(("tendon",), ("length",), of_place=True, linear=True)
     """A tendon's length ℓ (m)."""
-    TENSION = "tension"
+    TENSION = "tension", SensorForm(("tendon",), ("force",), feels_inputs=True)
     """The tension in a tendon (N): its actuators' pull, its spring and its damper."""
-    POSITION = "position"
+    POSITION = "position", SensorForm(("link", "xyz"), ("length",) * 3, XYZ, of_place=True)
     """A link's point in the world (m), three components."""
-    POSE = "pose"
+    POSE = (
+        "pose",
+        SensorForm(
+            ("link", "xyz", "rpy"), ("length",) * 3 + ("angle",) * 3,
+            (*XYZ, ".rx", ".ry", ".rz"), rotation=3, of_place=True,
+        ),
+    )  # fmt: skip
     """A frame on a link in the world. The errors have six components: position (m),
     then rotation vector in the sensor's frame (rad)."""
-    GYRO = "gyro"
+    GYRO = "gyro", SensorForm(("link", "xyz", "rpy"), ("angular speed",) * 3, XYZ)
     """Angular velocity in the sensor's frame (rad/s), three components."""
-    ACCELEROMETER = "accelerometer"
+    ACCELEROMETER = (
+        "accelerometer",
+        SensorForm(("link", "xyz", "rpy"), ("acceleration",) * 3, XYZ, feels_inputs=True),
+    )
     """A point's acceleration minus gravity, in the sensor's frame (m/s²), three components."""
-    JOINT = "joint"
+    JOINT = "joint", SensorForm(("joint",), ("length",), of_place=True, linear=True)
     """A joint's position (rad or m)."""
+    BEND = "bend", SensorForm(("link", "to", "rpy"), ("angle",), of_place=True, turns=True)
+    """The bend from one link to another (rad): the angle about the z axis of the sensor's frame
+    from its x axis to the x axis of the frame with the same `rpy` on the link `to`."""
+
+    def __new__(cls, value: str, form: SensorForm) -> SensorKind:
+        """A member whose value is the word in a file."""
+        member = object.__new__(cls)
+        member._value_, member.form = value, form
+        return member
 
     @property
     def size(self) -> int:
         """The number of components of `Sensor.noise`, `Sensor.bias` and `Sensor.resolution`."""
-        if self in (SensorKind.LENGTH, SensorKind.TENSION, SensorKind.JOINT):
-            return 1
-        return 6 if self is SensorKind.POSE else 3
+        return self.form.size
 
 
 @dataclass(frozen=True, repr=False)
 class Sensor:
-    """A sensor on a tendon, at a frame on a link, or on a joint.
+    """A sensor on a tendon, at a frame on a link, from one link to another, or on a joint.
 
     A reading is the true value of `latency` seconds ago, plus `bias`, plus white Gaussian noise,
     rounded to a multiple of `resolution`. On a real rig `softdyn drive` stops at a reading that is
@@ -187,6 +255,8 @@ class Sensor:
         Step between possible readings. 0 does not round. One number or several.
     lower, upper : tuple of float
         Limits of a reading, in its unit. One number or several.
+    to : str
+        The second link of a `bend`.
     """
 
     name: str
@@ -203,6 +273,12 @@ class Sensor:
     resolution: tuple[float, ...] = (0.0,)
     lower: tuple[float, ...] = (-math.inf,)
     upper: tuple[float, ...] = (math.inf,)
+    to: str = ""
+
+    @property
+    def reading_names(self) -> tuple[str, ...]:
+        """The name of each reading, such as ``camera.x``."""
+        return tuple(self.name + suffix for suffix in self.kind.form.suffixes)
 
     @property
     def is_limited(self) -> bool:
@@ -210,8 +286,10 @@ class Sensor:
         return bool(np.isfinite((*self.lower, *self.upper)).any())
 
     def __repr__(self) -> str:
-        """Name the limits only if there are any: robots without keep their digest."""
-        shown = fields(self) if self.is_limited else fields(self)[:-2]
+        """Name limits and a second link only if there are any: robots without keep their digest."""
+        hidden = {"lower", "upper"} if not self.is_limited else set()
+        hidden |= {"to"} if not self.to else set()
+        shown = [part for part in fields(self) if part.name not in hidden]
         return f"Sensor({', '.join(f'{part.name}={getattr(self, part.name)!r}' for part in shown)})"
 
     @cached_property

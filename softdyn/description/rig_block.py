@@ -26,17 +26,7 @@ MOTOR = (
 )  # fmt: skip
 WINCH = ("stiffness", "damping", "length_lower", "length_upper")
 COMMANDS = tuple(kind.value for kind in CommandKind)
-SENSORS = tuple(kind.value for kind in SensorKind)
-PLACES = {
-    SensorKind.LENGTH: ("tendon",),
-    SensorKind.TENSION: ("tendon",),
-    SensorKind.POSITION: ("link", "xyz"),
-    SensorKind.POSE: ("link", "xyz", "rpy"),
-    SensorKind.GYRO: ("link", "xyz", "rpy"),
-    SensorKind.ACCELEROMETER: ("link", "xyz", "rpy"),
-    SensorKind.JOINT: ("joint",),
-}
-"""The attributes that place each kind of sensor."""
+SENSORS = {kind.value: kind for kind in SensorKind}
 ERRORS = ("noise", "bias", "rate", "latency", "resolution", "lower", "upper")
 
 
@@ -149,10 +139,10 @@ def read_sensor(
     UrdfError
         For every misuse.
     """
-    kind = SensorKind(element.choice("type", SENSORS))
-    place = PLACES[kind]
+    kind = SENSORS[element.choice("type", tuple(SENSORS))]
+    place = kind.form.place
     element.allow("name", "type", *place, *ERRORS)
-    tendon = link = joint = ""
+    tendon = link = joint = to = ""
     if "tendon" in place:
         tendon = element.one_of("tendon", tendons, A_TENDON)
         _check_tendon(element, kind, tendons[tendon], joints, driven)
@@ -162,6 +152,10 @@ def read_sensor(
         joint = found.name
     else:
         link = element.one_of("link", links, A_LINK)
+    if "to" in place:
+        to = element.one_of("to", links, A_LINK)
+        if to == link:
+            raise element.error(f"to another link than {link!r}", repr(to))
     noise, bias, resolution = (
         element.components(name, kind.size) for name in ("noise", "bias", "resolution")
     )
@@ -178,7 +172,7 @@ def read_sensor(
         element.vector("xyz", ZERO), element.vector("rpy", ZERO),
         noise=noise, bias=bias, resolution=resolution,
         rate=element.non_negative("rate"), latency=_delay(element, "latency"),
-        lower=lower, upper=upper,
+        lower=lower, upper=upper, to=to,
     )  # fmt: skip
 
 

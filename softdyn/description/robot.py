@@ -303,6 +303,11 @@ class Robot:
         return tuple(joint for joint in self.joints if joint.mimic is not None)
 
     @property
+    def speeds(self) -> np.ndarray:
+        """Actuators (nu,) bool whose commands are the rates of free lengths."""
+        return np.array([actuator.is_speed for actuator in self.actuators], bool)
+
+    @property
     def root(self) -> str:
         """The one link without a parent."""
         moved = {joint.child for joint in self.joints}

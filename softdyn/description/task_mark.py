@@ -66,7 +66,7 @@ class TaskMark:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of its target's numbers, as those of `recorded_paths`."""
+        """Names of its target's numbers, as those of `read_paths`."""
         parts = ("dx", "dy", "dz") if self.kind is TaskKind.AXIS else self.kind.rows
         return tuple(f"{self.name}.{part}" for part in parts)
 

@@ -40,6 +40,7 @@ from softdyn.description.robot import (
 )  # fmt: skip
 from softdyn.description.strict_xml import Element, read, read_bytes
 from softdyn.description.unknown_names import check_known_names
+from softdyn.description.visuals import check_shapes
 from softdyn.files import as_path
 
 # Pinocchio's Data grows with nv³ (1.7 GB at nv = 300) and its URDF parser recurses over the tree.
@@ -127,6 +128,7 @@ def _robot(
     check_known_names(root)
     ignored, left_out = check_other_tools(root)
     version(root)
+    check_shapes(root)
     name = root.text("name")
     links = root.unique("link", _link)
     if not 0 < len(links) <= MAX_LINKS:

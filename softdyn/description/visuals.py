@@ -6,8 +6,11 @@ either has no shapes here; `softdyn.view.scene` then draws its joints and links 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -19,6 +22,7 @@ from softdyn.description.strict_xml import Element, read, read_bytes
 
 Rgba = tuple[float, ...]
 GREY: Rgba = (0.62, 0.64, 0.68, 1.0)
+KINDS = "visual", "collision"
 MAX_SIZE = 1e4  # m; larger shapes cannot be shown beside a robot in a page's float32
 
 
@@ -62,7 +66,7 @@ class Visual:
 
 
 def visuals(
-    robot: Robot, kinds: Sequence[str] = ("visual", "collision")
+    robot: Robot, kinds: Sequence[str] = KINDS
 ) -> tuple[tuple[Visual, ...], tuple[str, ...]]:
     """The shapes of all links, and a line for each that cannot be shown.
 
@@ -81,7 +85,7 @@ def visuals(
     for link in root.children("link"):
         for shape in next(filter(None, (list(link.children(kind)) for kind in kinds)), ()):
             try:
-                shown = _shapes(robot, link.text("name"), shape, named)
+                shown = _shapes(link.text("name"), shape, named, partial(_meshes, robot.path))
                 if not all(_reach(visual) <= MAX_SIZE for visual in shown):
                     raise MeshError(f"expected shapes within {MAX_SIZE:g} m, got a larger one")
                 found += shown
@@ -126,7 +130,36 @@ def _reach(visual: Visual) -> float:
         )
 
 
-def _shapes(robot: Robot, link: str, element: Element, named: dict[str, Rgba]) -> list[Visual]:
+def check_shapes(root: Element) -> None:
+    """Refuse a visual or collision shape with an invalid number; meshes are not opened.
+
+    A file is refused where it is loaded, and not where its page is drawn after a run.
+
+    Raises
+    ------
+    UrdfError
+        It names the shape's element.
+    """
+    for material in root.children("material"):
+        _colour(material)
+    for link in root.children("link"):
+        for kind in KINDS:
+            for shape in link.children(kind):
+                with suppress(MeshError):  # another shape, which is left out of a page
+                    _shapes("", shape, {}, lambda _: ())
+
+
+def _meshes(urdf: Path, reference: str) -> tuple[Mesh, ...]:
+    return read_mesh(locate(urdf, reference))
+
+
+def _shapes(
+    link: str,
+    element: Element,
+    named: dict[str, Rgba],
+    meshes: Callable[[str], tuple[Mesh, ...]],
+) -> list[Visual]:
+    """The shapes of one ``<visual>`` or ``<collision>``; `meshes` reads a file's parts."""
     pose = np.eye(4)
     origin = read_origin(element)
     pose[:3, :3], pose[:3, 3] = origin.rotation, origin.translation
@@ -140,7 +173,7 @@ def _shapes(robot: Robot, link: str, element: Element, named: dict[str, Rgba]) -
     mesh = geometry.child("mesh")
     if mesh is not None:
         pose = pose @ np.diag([*mesh.vector("scale", (1.0, 1.0, 1.0)), 1.0])
-        parts = read_mesh(locate(robot.path, mesh.text("filename")))
+        parts = meshes(mesh.text("filename"))
         # a colour in the URDF overrides the mesh's own
         return [Visual(link, pose, part, rgba or part.rgba or GREY) for part in parts]
     shape: Shape

@@ -141,6 +141,8 @@ def _section(table: TomlTable, k: int, material: Material | None) -> Section:
             inner_radius=table.profile("inner_radius", "length", 0.0),
             bending_stiffness=table.profile("bending_stiffness", "rigidity", None),
             torsional_stiffness=table.profile("torsional_stiffness", "rigidity", None),
+            axial_stiffness=table.profile("axial_stiffness", "force", None),
+            shear_stiffness=table.profile("shear_stiffness", "force", None),
             mass=table.number("mass", "mass", None),
             rest=strains,
             discs=table.count("discs", 0, 0),
@@ -249,16 +251,8 @@ RATES = {
     CommandKind.LENGTH: "speed",
     CommandKind.VELOCITY: "acceleration",
 }
-SENSORS = {kind.value: kind for kind in SensorKind}
-ERRORS: dict[SensorKind, tuple[str, ...]] = {
-    SensorKind.LENGTH: ("length",),
-    SensorKind.TENSION: ("force",),
-    SensorKind.POSITION: ("length",),
-    SensorKind.POSE: ("length", "angle"),
-    SensorKind.GYRO: ("angular speed",),
-    SensorKind.ACCELEROMETER: ("acceleration",),
-}
-"""Units of a sensor's errors; a joint's depend on its freedom."""
+# a place along the arm names one link
+SENSORS = {kind.value: kind for kind in SensorKind if "to" not in kind.form.place}
 
 
 def _motor(table: TomlTable, groups: Mapping[str, tuple[str, ...]]) -> CableMotor:
@@ -295,11 +289,12 @@ def _sensor(
     kind = table.choice("type", SENSORS)
     cables: tuple[str, ...] = ()
     points: tuple[float, ...] = ()
-    joint, units = "", ERRORS.get(kind, ())
+    joint, units = "", tuple(dict.fromkeys(kind.form.quantities))
     frame: dict[str, Any] = {}
-    if kind in (SensorKind.LENGTH, SensorKind.TENSION):
+    place = kind.form.place
+    if "tendon" in place:
         cables = _named_cables(table, groups)
-    elif kind is SensorKind.JOINT:
+    elif "joint" in place:
         joint = table.text("joint")
         freedom = FREEDOMS.get(joint.rpartition("_")[0])
         if freedom is None:
@@ -308,7 +303,7 @@ def _sensor(
     else:
         points = _points(table, sections)
         frame["xyz"] = table.vector("offset", "length", (0.0, 0.0, 0.0))
-        if kind is not SensorKind.POSITION:
+        if "rpy" in place:
             frame["rpy"] = table.vector("rpy", "angle", (0.0, 0.0, 0.0))
     errors: dict[str, Any] = {
         name: _components(table, name, units, kind.size) for name in ("noise", "bias", "resolution")

@@ -214,7 +214,10 @@ def _damped(layout: Layout) -> Layout:
         if damping.ratio is not None:
             return 2 * damping.ratio / float(layout.rates[0])
         section = sections[spring.section]
-        modulus = section.bending(spring.at) / section.second_moment(spring.at)
+        if spring.freedom.turns:
+            modulus = section.bending(spring.at) / section.second_moment(spring.at)
+        else:
+            modulus = section.stretching(spring.at) / section.area(spring.at)
         return float(damping.viscosity or 0.0) / modulus
 
     groups = tuple(

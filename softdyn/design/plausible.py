@@ -2,11 +2,13 @@
 
 Besides density and Young's modulus, three figures are checked: the weight against the bending
 stiffness, the angle by which a cable can bend the arm, and the speed of sound in its material.
+A measured bending stiffness that contradicts Young's modulus is said.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 
@@ -31,6 +33,8 @@ RADIUS = 1e-4, 1.0
 """Radius of a section (m)."""
 NOTHING = 1e-9
 """A cable whose moment arms are all below this share of the radius moves nothing."""
+SAME = 0.01
+"""Two moduli whose ratio differs from 1 by less are one."""
 HINT = "or set unusual = true if it is meant"
 
 
@@ -63,6 +67,7 @@ def check(layout: Layout) -> None:
         where, material = f"section {section.name!r}", section.material
         if section.mass is None:
             _within(f"{where}: density", material.density, DENSITY, "kg/m^3")
+        _say_modulus(section)
         if section.bending_stiffness is None:
             E = material.youngs_modulus
             _within(f"{where}: Young's modulus", E, MODULUS, "Pa")
@@ -82,6 +87,28 @@ def check(layout: Layout) -> None:
     low = 0.0 if arm.cables else STIFFEST
     what = "weight against stiffness, m g L^2 / EI, by Young's modulus, density and size"
     _within(what, _weight(layout), (low, WEIGHT), "")
+
+
+def _say_modulus(section: Section) -> None:
+    """Warn where E gives the stiffness of a translation, and a measured EI another E."""
+    if section.bending_stiffness is None:
+        return
+    E, at = section.material.youngs_modulus, np.linspace(0, 1, 5)
+    stated = [section.bending(x) / section.second_moment(x) for x in at]
+    if np.abs(np.array(stated) / E - 1).max() <= SAME:
+        return
+    for name, rigidity, measured in (
+        ("extension", Section.stretching, "axial_stiffness"),
+        ("shear", Section.shearing, "shear_stiffness"),
+    ):
+        moves = any(one.partition("_")[0] == name for one in section.freedoms)
+        if moves and getattr(section, measured) is None:
+            warnings.warn(
+                f"section {section.name!r}: {measured} is {rigidity(section, 0.0):.4g} N at its"
+                f" begin, from Young's modulus {E:.3g} Pa; the measured bending_stiffness has"
+                f" {min(stated):.3g} to {max(stated):.3g} Pa. State {measured}_N if it is measured",
+                stacklevel=2,
+            )
 
 
 def _within(what: str, value: float, limits: tuple[float, float], unit: str) -> None:

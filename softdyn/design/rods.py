@@ -38,6 +38,7 @@ from softdyn.design.cables import (
 from softdyn.design.quadrature import Rule, gauss_legendre
 from softdyn.exceptions import InputError
 
+MEASURED = ("bending_stiffness", "torsional_stiffness", "axial_stiffness", "shear_stiffness")
 MAX_SEGMENTS = 256  # the limit of a file's degrees of freedom
 
 
@@ -114,13 +115,13 @@ class Section:
     radius, inner_radius : Profile
         Outer and inner radius (m).
     material : Material
-        If `bending_stiffness` is given, only ν and the density of the material are used.
+        E gives EI, EA and κ GA where none is measured.
     segments : int
         Number of joints of this section.
     freedoms : tuple of str
         Degrees of freedom of each joint: names of `softdyn.design.layout.FREEDOMS`.
     bending_stiffness, torsional_stiffness : Profile, optional
-        Measured EI and GJ (N m²).
+        Measured EI and GJ (N m²). GJ is EI / (1 + ν) where only EI is measured.
     mass : float, optional
         Measured mass (kg); it is distributed like the area of the cross-section.
     rest : mapping of str to float
@@ -132,6 +133,8 @@ class Section:
     plate : Plate, optional
         A rigid plate behind the far end; its thickness makes the arm longer.
     name : str
+    axial_stiffness, shear_stiffness : Profile, optional
+        Measured EA and κ GA (N). A measured EI says nothing of them: a rod may have a thin core.
     """
 
     length: float
@@ -148,6 +151,8 @@ class Section:
     disc: Plate | None = None
     plate: Plate | None = None
     name: str = "section"
+    axial_stiffness: Profile | None = None
+    shear_stiffness: Profile | None = None
 
     def __post_init__(self) -> None:
         check_name(self.name)
@@ -169,7 +174,7 @@ class Section:
             instance(name, getattr(self, name), (Plate, type(None)), "a Plate")
         outer = check_profile("radius", self.radius, above=0.0)
         inner = check_profile("inner_radius", self.inner_radius, lower=0.0)
-        for name in ("bending_stiffness", "torsional_stiffness"):
+        for name in MEASURED:
             if getattr(self, name) is not None:
                 check_profile(name, getattr(self, name), above=0.0)
         if not (inner < outer).all():
@@ -198,15 +203,19 @@ class Section:
 
     def stretching(self, at: float) -> float:
         """EA (N)."""
-        return self.bending(at) * self.area(at) / self.second_moment(at)
+        if self.axial_stiffness is not None:
+            return along(self.axial_stiffness, at)
+        return self.material.youngs_modulus * self.area(at)
 
     def shearing(self, at: float) -> float:
         """κ GA (N), with the shear coefficient of a round section (Cowper, 1966)."""
+        if self.shear_stiffness is not None:
+            return along(self.shear_stiffness, at)
         nu = self.material.poissons_ratio
         m = (along(self.inner_radius, at) / along(self.radius, at)) ** 2
         wide = (1 + m) ** 2
         kappa = 6 * (1 + nu) * wide / ((7 + 6 * nu) * wide + (20 + 12 * nu) * m)
-        return kappa * self.stretching(at) / (2 * (1 + nu))
+        return kappa * self.material.youngs_modulus * self.area(at) / (2 * (1 + nu))
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,20 @@
 - `coordinates`: places in q of each joint: continuous joints, floating bases;
 - `balance`: r = M a + h - B u - E d and its Jacobians, with winches and slow disturbances;
 - `implicit_step`: a step of backward Euler with stops, and its exact Jacobians;
+- `discretisation`: the motion over a period in such steps, as many as it needs, with A and B;
 - `stops`: joint limits: which joints they hold, and the steps that they allow;
 - `winches`: the input of a motor that commands a cable's free length, and its inverse;
 - `derivatives`: those of accelerations; tangent and gravity stiffness;
 - `text`: the lines that ``print`` shows of a model or a State;
 - `integrators`: one time step, Runge–Kutta or with implicit damping.
+
+The public names are imported when they are used, as `__init__.pyi` lists them.
 """
+
+import lazy_loader
+
+from softdyn.installed import check_engines
+
+check_engines()  # before a module of the engine is imported
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

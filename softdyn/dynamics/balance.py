@@ -147,14 +147,13 @@ class ForceBalance:
             columns[one] = slice(first, self._size)
         self._force, self._mass, self._factor, self._offsets = map(columns.get, Disturbance)
         if self._force or self._mass:
-            self._tip = BodyPoint(tree.pin_model, *tree.anchor(model.robot.task, np.zeros(3)))
-            self._point = Scratch(_point_mass(tree.pin_model, self._tip))
+            self._tip = BodyPoint(tree.engine, *tree.anchor(model.robot.task, np.zeros(3)))
+            self._point = Scratch(_point_mass(tree.engine, self._tip))
         motors = model.robot.actuators if motors is None else motors
         self._winches = Winches(model, motors) if any(one.is_winch for one in motors) else None
         self._stretches = bool(tree.tendon_stiffness.any() or tree.tendon_damping.any())
         self._gears = np.zeros((len(tree.tendons.names), tree.nu))
         self._gears[tree.actuated, np.arange(tree.nu)] = tree.gear
-        self._wraps = tree.tendons.wraps
         self._slope, self._none = -self._gears, np.zeros(len(self._gears))
 
     def __call__(
@@ -208,11 +207,10 @@ class ForceBalance:
         """The balance of the tree's joints at the tree's (q, v, a)."""
         tree, n, coordinates = self._tree, self._tree.nv, self._tree.chart.of(q)
         here, data = tree.about_base(q), tree.pin_data
-        blocks = pin.computeRNEADerivatives(tree.pin_model, data, here, v, a)
+        blocks = pin.computeRNEADerivatives(tree.engine, data, here, v, a)
         by_q, by_v, M = (np.array(block.reshape(n, n), order="C") for block in blocks)
-        r, kinematics = np.array(data.tau), tree.last_kinematics()
-        placed = self._wraps.at(*kinematics[1:]) if self._wraps else None
-        lengths, arms = tree.tendons.geometry(coordinates, *kinematics, placed)
+        r, geometry = np.array(data.tau), tree.tendons.at(coordinates, *tree.last_kinematics())
+        lengths, arms = geometry.lengths, geometry.moment_arms
         pull = self._pull(lengths, arms, v, commands)
         r += tree.stiffness * (coordinates - tree.rest) + tree.damping * v - pull.force @ arms
         by_q.flat[:: n + 1] += tree.stiffness
@@ -221,7 +219,7 @@ class ForceBalance:
             by_q += arms.T @ (pull.gain[:, None] * arms)
             by_v += arms.T @ (pull.damping[:, None] * arms)
         if tree.tendons.spatial:
-            bend, rates = tree.tendons.curvature(*kinematics, pull.force, v, placed)
+            bend, rates = geometry.curvature(pull.force, v)
             by_q -= bend
             if pull.damping.any():
                 by_q += arms.T @ (pull.damping[:, None] * rates)

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+
+from softdyn.exceptions import InputError
+
+OFF = 1e-6  # of the unit circle's radius, and of a quaternion's length; digits of a file are finer
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +48,31 @@ class Coordinates:
         sines = self.first[self.continuous] + 1
         values[self.continuous] = np.arctan2(q[sines], values[self.continuous])
         return values
+
+    def check(self, q: np.ndarray, names: Sequence[str]) -> None:
+        """Refuse a (cos, sin) that is off the unit circle, and a quaternion of another length.
+
+        Parameters
+        ----------
+        q : ndarray, (nq,)
+            A configuration.
+        names : sequence of str, (nv,)
+            Names of the degrees of freedom.
+
+        Raises
+        ------
+        InputError
+            It names the joint.
+        """
+        for k in map(int, np.flatnonzero(self.continuous)):
+            pair = q[self.first[k] : self.first[k] + 2]
+            if not abs(math.hypot(*pair) - 1) <= OFF:
+                at = f"q[{self.first[k]}:{self.first[k] + 2}]"
+                expected = f"cos, sin of joint {names[k]!r}, a point of the unit circle"
+                raise InputError(at, expected, ", ".join(f"{x:g}" for x in pair))
+        if self.floating and not abs(math.hypot(*q[3:7]) - 1) <= OFF:
+            expected = "a quaternion (x, y, z, w) of length 1"
+            raise InputError("q[3:7]", expected, ", ".join(f"{x:g}" for x in q[3:7]))
 
     def configuration(self, values: np.ndarray) -> np.ndarray:
         """Configuration q (nq,) of coordinates (nv,): the inverse of `of`."""

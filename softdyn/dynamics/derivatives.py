@@ -101,7 +101,7 @@ def mass_columns(model: SoftModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) 
 
     A column is Pinocchio's regressor times the body's ten parameters. The sum over the bodies is
     M a + C v + g without armature. Bodies are in the order of
-    `softdyn.dynamics.tree.TreeModel.pin_model`.
+    `softdyn.dynamics.tree.TreeModel.engine`.
 
     Parameters
     ----------
@@ -111,9 +111,9 @@ def mass_columns(model: SoftModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) 
         Configuration, velocity, acceleration.
     """
     tree = tree_of(model)
-    inertias = [body.toDynamicParameters() for body in tree.pin_model.inertias[1:]]
+    inertias = [body.toDynamicParameters() for body in tree.engine.inertias[1:]]
     q, v, a = tree.about_base(np.asarray(q, float)), np.asarray(v, float), np.asarray(a, float)
-    regressor = pin.computeJointTorqueRegressor(tree.pin_model, tree.pin_data, q, v, a)
+    regressor = pin.computeJointTorqueRegressor(tree.engine, tree.pin_data, q, v, a)
     return np.einsum("nbp,bp->nb", regressor.reshape(model.nv, -1, 10), np.array(inertias))
 
 
@@ -145,7 +145,7 @@ def gravity_stiffness(model: SoftModel, q: np.ndarray) -> np.ndarray:
     q = array("q", q, (check_model(model).nq,))
     tree, S = underlying_tree(model)
     here = tree.about_base(model.expand(q) if isinstance(model, Projection) else q)
-    hessian = pin.computeGeneralizedGravityDerivatives(tree.pin_model, tree.pin_data, here)
+    hessian = pin.computeGeneralizedGravityDerivatives(tree.engine, tree.pin_data, here)
     return project(S, np.reshape(np.array(hessian), (tree.nv, tree.nv)))
 
 
@@ -177,5 +177,5 @@ def tendon_curvature(
     tree, S = underlying_tree(model)
     if isinstance(model, Projection):
         q, v = model.expand(q), model.S @ v
-    bend, rates = tree.tendons.curvature(*tree.kinematics(q), force, v)
+    bend, rates = tree.tendon_geometry(q).curvature(force, v)
     return project(S, bend), rates if S is None else rates @ S

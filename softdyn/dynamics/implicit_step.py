@@ -10,7 +10,9 @@ A = M / T + ∂r/∂v + T ∂r/∂q, the free joints have
 
     ∂v⁺/∂v = A⁻¹ M / T,   ∂v⁺/∂q = -A⁻¹ ∂r/∂q,   ∂v⁺/∂d = -A⁻¹ ∂r/∂d,
 
-and A⁻¹ maps a joint force to v⁺. A held joint has ∂v⁺/∂q = -1 / T and no other derivative.
+and A⁻¹ maps a joint force to v⁺. A held joint has ∂v⁺/∂q = -1 / T and no other derivative. On a
+floating base ⊕ has slopes of its own, with which ∂r/∂q is multiplied: ∂q⁺/∂q in place of 1 and
+∂q⁺/∂v⁺ in place of T.
 
 The first Newton step takes r and its Jacobians from the linear model at the end of the step before,
 if that leads to a solution.
@@ -18,9 +20,10 @@ if that leads to a solution.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
+import pinocchio as pin
 
 from softdyn.dynamics.balance import BalanceTerms, ForceBalance
 from softdyn.dynamics.model import SoftModel
@@ -55,6 +58,15 @@ class ImplicitStepResult(NamedTuple):
     inputs: np.ndarray
 
 
+class Balance(Protocol):
+    """The balance of joint forces: a `ForceBalance`, or one with further forces."""
+
+    def trusted(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, commands: np.ndarray, d: np.ndarray
+    ) -> BalanceTerms:
+        """The balance at (q, v, a), as `ForceBalance.trusted`."""
+
+
 class ImplicitStep:
     """Backward Euler steps of a robot.
 
@@ -62,16 +74,27 @@ class ImplicitStep:
     ----------
     model : SoftModel
         The robot's model.
-    balance : ForceBalance, optional
+    balance : Balance, optional
         The balance of its forces, by default with the motors of its file and no disturbance.
+    stops : Stops, optional
+        The stops of its joints, by default those of its file.
+    near : float
+        Newton's method ends with a step of less (rad, m). The Jacobians are those of its begin.
     """
 
-    def __init__(self, model: SoftModel, balance: ForceBalance | None = None) -> None:
-        self._model, self._stops = model, Stops.of(model)
+    def __init__(
+        self,
+        model: SoftModel,
+        balance: Balance | None = None,
+        stops: Stops | None = None,
+        near: float = NEAR,
+    ) -> None:
+        self._near = near
+        self._model, self._stops = model, Stops.of(model) if stops is None else stops
         self._stops.prepare()
         # without continuous joints the sum takes a tenth of the time
         self._moved = np.add if model.nq == model.nv else model.integrate
-        self._balance = ForceBalance(model) if balance is None else balance
+        self._balance: Balance = ForceBalance(model) if balance is None else balance
         self.forget()
 
     def forget(self) -> None:
@@ -87,8 +110,9 @@ class ImplicitStep:
         d: np.ndarray,
         step: float,
         held: np.ndarray | None = None,
+        guess: np.ndarray | None = None,
     ) -> ImplicitStepResult | None:
-        """The state after a step; None if the iteration does not converge.
+        """The state after a step; None if the iteration does not end in balance.
 
         Parameters
         ----------
@@ -102,11 +126,18 @@ class ImplicitStep:
             T (s).
         held : ndarray of int, (n,), optional
             The stops that held in the last step, a first guess.
+        guess : ndarray, (n,), optional
+            The velocity with which the iteration begins, by default v or that of the last step's
+            linear model.
         """
         held = np.zeros(self._model.nv, np.int64) if held is None else held
         last, self._last = self._last, None
-        found = None if last is None else self._solve(q, v, commands, d, step, held, last)
-        return self._solve(q, v, commands, d, step, held, None) if found is None else found
+        found = None
+        if last is not None and guess is None:
+            found = self._solve(q, v, commands, d, step, held, v, last)
+        if found is None:
+            found = self._solve(q, v, commands, d, step, held, v if guess is None else guess, None)
+        return found
 
     def _solve(
         self,
@@ -116,10 +147,14 @@ class ImplicitStep:
         d: np.ndarray,
         step: float,
         held: np.ndarray,
+        speed: np.ndarray,
         last: tuple[BalanceTerms, tuple[np.ndarray, ...]] | None,
     ) -> ImplicitStepResult | None:
         """Newton's method, its first step on the linear model of the last balance."""
-        model, speed, there = self._model, v, self._moved(q, step * v)
+        model = self._model
+        if last is None:  # from beyond a stop the iteration may end nowhere
+            speed = self._stops.clip(model.coordinates(q), step * speed) / step
+        there = self._moved(q, step * speed)
         for _ in range(MOST):
             point = there, speed, (speed - v) / step, commands, d
             if last is None:
@@ -128,7 +163,7 @@ class ImplicitStep:
             else:
                 terms, before = last
                 residual = _linear_residual(terms, before, point)
-            A = terms.by_a / step + terms.by_v + step * terms.by_q
+            A = newton_matrix(terms, step, ends_by(self._model, q, step * speed))
             at = model.coordinates(there)
             try:
                 change, held = self._stops.solve(A, residual, at, step, held)
@@ -138,10 +173,12 @@ class ImplicitStep:
             if not np.isfinite(speed).all():
                 return None
             there = self._moved(q, step * speed)
-            if last is None and step * np.abs(change).max(initial=0.0) < NEAR:
+            if last is None and step * np.abs(change).max(initial=0.0) < self._near:
                 if self._moved is np.add:
                     self._last = terms, (there, speed, (speed - v) / step, commands, d)
-                return _result(there, speed, terms, A, step, held)
+                return linearised(
+                    there, speed, terms, step, held, ends_by(self._model, q, step * speed)
+                )
             last = None
         return None
 
@@ -157,12 +194,50 @@ def _linear_residual(
     return total
 
 
-def _result(
-    q: np.ndarray, v: np.ndarray, terms: BalanceTerms, A: np.ndarray, step: float, held: np.ndarray
-) -> ImplicitStepResult:
-    """The step's end with its derivatives."""
-    n = len(v)
-    right = np.hstack((-terms.by_q, terms.by_a / step, -terms.by_d))
+def ends_by(model: SoftModel, q: np.ndarray, move: np.ndarray) -> tuple[np.ndarray, ...] | None:
+    """The Jacobians (n, n) of q ⊕ move by q and by move; None where both are the identity.
+
+    Those of a floating base are Pinocchio's, of the group of rigid motions.
+    """
+    if not model.robot.floating:
+        return None
+    base, slopes = pin.liegroups.SE3(), (np.eye(model.nv), np.eye(model.nv))
+    slopes[0][:6, :6] = base.dIntegrate_dq(q[:7], move[:6])
+    slopes[1][:6, :6] = base.dIntegrate_dv(q[:7], move[:6])
+    return slopes
+
+
+def newton_matrix(
+    terms: BalanceTerms, step: float, ends: tuple[np.ndarray, ...] | None
+) -> np.ndarray:
+    """A (n, n), with the slopes of `ends_by`."""
+    by_q = terms.by_q if ends is None else terms.by_q @ ends[1]
+    matrix: np.ndarray = terms.by_a / step + terms.by_v + step * by_q
+    return matrix
+
+
+def linearised(
+    q: np.ndarray, v: np.ndarray, terms: BalanceTerms, step: float, held: np.ndarray,
+    ends: tuple[np.ndarray, ...] | None,
+) -> ImplicitStepResult:  # fmt: skip
+    """The step's end with its derivatives, from the balance there.
+
+    Parameters
+    ----------
+    q, v : ndarray, (nq,), (n,)
+        The state at its end.
+    terms : BalanceTerms
+        The balance there, or so near that its Jacobians are the same.
+    step : float
+        T (s).
+    held : ndarray of int, (n,)
+        The joints at their stops.
+    ends : tuple of ndarray, optional
+        The slopes of `ends_by`.
+    """
+    n, A = len(v), newton_matrix(terms, step, ends)
+    by_q = terms.by_q if ends is None else terms.by_q @ ends[0]
+    right = np.hstack((-by_q, terms.by_a / step, -terms.by_d))
     if held.any():
         free = held == 0
         # a held joint moves with q, and so drives the free ones

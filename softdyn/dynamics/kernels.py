@@ -53,10 +53,10 @@ class Constants(NamedTuple):
         Acceleration.
     joints : ndarray, (n, 4)
         Stiffness, rest, damping and armature.
-    tendons : ndarray, (tendons, 5)
-        Constant length, stiffness, rest, damping, and 1 for a tendon that only pulls, else 0.
-    coefficients : ndarray, (tendons, n)
-        Moment arms of the fixed tendons.
+    tendons : ndarray, (tendons, 4)
+        Stiffness, rest, damping, and 1 for a tendon that only pulls, else 0.
+    actuated, gear : ndarray, (m,)
+        The tendon of each input, and its gear.
     """
 
     tip: int
@@ -65,7 +65,8 @@ class Constants(NamedTuple):
     gravity: np.ndarray
     joints: np.ndarray
     tendons: np.ndarray
-    coefficients: np.ndarray
+    actuated: np.ndarray
+    gear: np.ndarray
 
 
 JOINT_TERMS = 10  # number of vectors (n,) in `joint_terms`, without M
@@ -90,29 +91,53 @@ def tip_terms(tip_and_lengths):
 
 
 @compiled
+def segments_and_state(
+    joint_rows, tip_and_lengths, v, coordinates, bias, S, momenta, centre, rotations, translations,
+    tip, tip_offset, tree, gravity, joints, tendons, actuated, gear,
+    offset, coefficients, bodies, offsets, pairs, signs,
+):  # fmt: skip
+    """All terms of a State of a robot whose cables are joint terms and segments, in one call.
+
+    The arguments are those of `state_terms`, then two fields of `softdyn.dynamics.tendons.Tendons`
+    and those of its `Segments`.
+    """
+    n, count = len(v), len(tendons)
+    first = n + JOINT_TERMS
+    lengths, arms = tip_and_lengths[6:], joint_rows[first : first + count]
+    for t in range(count):
+        length = offset[t]
+        for k in range(n):
+            arms[t, k] = coefficients[t, k]
+            length += coefficients[t, k] * coordinates[k]
+        lengths[t] = length
+    if len(bodies) > 0:
+        moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pairs, signs)
+    state_terms(
+        joint_rows, tip_and_lengths, v, coordinates, bias, S, momenta, centre, rotations,
+        translations, tip, tip_offset, tree, gravity, joints, tendons, actuated, gear,
+    )  # fmt: skip
+
+
+@compiled
 def state_terms(
     joint_rows, tip_and_lengths, v, coordinates, bias, S, momenta, centre, rotations, translations,
-    tip, tip_offset, tree, gravity, joints, tendons, coefficients,
-    bodies, offsets, pairs, signs, actuated, gear,
+    tip, tip_offset, tree, gravity, joints, tendons, actuated, gear,
 ):  # fmt: skip
     """All terms of a State, in plain loops: slices and array expressions take long to compile.
 
     Parameters
     ----------
     joint_rows : ndarray, (n + 10 + tendons + m, n)
-        Filled with the `joint_terms` and `tendon_terms`.
+        The moment arms among the `tendon_terms` are given; the rest is filled, and the
+        `joint_terms`.
     tip_and_lengths : ndarray, (6 + tendons,)
-        Filled with the `tip_terms`.
+        The tendons' lengths among the `tip_terms` are given; the rest is filled.
     v, coordinates : ndarray, (n,)
         Joint velocities and coordinates.
     bias, S, momenta, centre, rotations, translations : ndarray
         Fields of `softdyn.dynamics.engine.Memory`.
-    tip, tip_offset, tree, gravity, joints, tendons, coefficients : ndarray
+    tip, tip_offset, tree, gravity, joints, tendons, actuated, gear : ndarray
         Fields of `Constants`.
-    bodies, offsets, pairs, signs : ndarray
-        Fields of `softdyn.dynamics.tendons.Segments`.
-    actuated, gear : ndarray, (m,)
-        The tendon of each input, and its gear.
     """
     n, count = len(v), len(tendons)
     first = n + JOINT_TERMS
@@ -171,15 +196,6 @@ def state_terms(
         for j in range(k):
             joint_rows[j, k] = joint_rows[k, j]
 
-    # the tendons
-    for t in range(count):
-        length = tendons[t, 0]
-        for k in range(n):
-            arms[t, k] = coefficients[t, k]
-            length += coefficients[t, k] * coordinates[k]
-        lengths[t] = length
-    if len(bodies) > 0:
-        moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pairs, signs)
     for i in range(len(gear)):
         for k in range(n):
             joint_rows[first + count + i, k] = gear[i] * arms[actuated[i], k]
@@ -190,14 +206,14 @@ def state_terms(
         joint_rows[n + 7, k] = joints[k, 0] * (coordinates[k] - joints[k, 1])
         joint_rows[n + 8, k] = joints[k, 2] * v[k]
     for t in range(count):
-        stiffness, damping = tendons[t, 1], tendons[t, 3]
+        stiffness, damping = tendons[t, 0], tendons[t, 2]
         if stiffness == 0 and damping == 0:
             continue
         rate = 0.0
         for k in range(n):
             rate += arms[t, k] * v[k]
-        stretched, damped = stiffness * (lengths[t] - tendons[t, 2]), damping * rate
-        if tendons[t, 4] != 0 and stretched + damped <= 0:
+        stretched, damped = stiffness * (lengths[t] - tendons[t, 1]), damping * rate
+        if tendons[t, 3] != 0 and stretched + damped <= 0:
             continue  # slack
         for k in range(n):
             joint_rows[n + 7, k] += arms[t, k] * stretched

@@ -20,7 +20,7 @@ from softdyn.dynamics.tendons import Tendons
 from softdyn.exceptions import InputError
 
 if TYPE_CHECKING:
-    from softdyn.sensing.measurement import Measurement
+    import softdyn
 
 
 @runtime_checkable
@@ -82,6 +82,11 @@ class SoftModel(Protocol):
     tendon_rest: np.ndarray
     tendon_slack: np.ndarray
 
+    @property
+    def relaxed(self) -> np.ndarray:
+        """The input (m,) nearest to zero within the bounds, an array of the caller's own."""
+        return np.clip(np.zeros(self.nu), self.u_min, self.u_max)
+
     def __reduce__(self) -> tuple[Any, ...]:
         # A pickle cannot keep views of the engine's memory, so the copy is built from the file.
         return type(self), (self.robot, self.bundled)
@@ -108,7 +113,8 @@ class SoftModel(Protocol):
         Raises
         ------
         InputError
-            For a wrong shape or a number that is not finite, as in all other methods.
+            For a wrong shape, a number that is not finite, or (cos, sin) of a continuous joint
+            that is off the unit circle by more than 1e-6, as in all other methods.
         """
 
     def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -174,7 +180,7 @@ class SoftModel(Protocol):
     def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
         """Pose (4, 4) in the world of every link."""
 
-    def measure(self, state: State, u: np.ndarray) -> Measurement:
+    def measure(self, state: State, u: np.ndarray) -> softdyn.sensing.Measurement:
         """The readings of the robot's sensors without errors, and their derivatives.
 
         Parameters
@@ -190,14 +196,9 @@ class SoftModel(Protocol):
             For a wrong shape or a number that is not finite, or for a sensor of a tendon, link or
             joint that the robot does not have.
         """
-        known = vars(self)
-        if "_sensors" not in known:
-            # an ordinary import at the top would close a circle: sensors are read from a model
-            from softdyn.sensing.sensors import Sensors
+        import softdyn  # its public names; the dynamics stand below the sensors and import none
 
-            known["_sensors"] = Sensors(self)
-        found: Measurement = known["_sensors"].measure(state, u)
-        return found
+        return softdyn.sensing.measure(self, state, u)
 
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
         """q ⊕ dv (nq,): the configuration after the displacement dv (n,)."""

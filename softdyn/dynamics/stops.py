@@ -15,7 +15,10 @@ from softdyn.compiled import compiled
 from softdyn.copies import Frozen
 from softdyn.dynamics.model import SoftModel, check_model
 
-ROUNDS = 20  # changes of the active set in a step
+PATIENCE = 10  # rounds in which no fewer joints break a condition, before joints change one by one
+ROUNDS = 1000  # in all; 36 joints with a large skew part may need more, which is an error
+ROUNDING = 1e-12  # of the largest joint force: less pushes no joint off its stop
+ACCURACY = 1e-9  # of the largest joint force: the most that may be left of a free joint's balance
 TOUCHING = 1e-9  # a joint this close to a limit counts as at it (rad, m)
 
 
@@ -36,6 +39,11 @@ class Stops(Frozen):
     def of(cls, model: SoftModel) -> Self:
         """The stops of a robot."""
         return cls(check_model(model).lower, model.upper)
+
+    @classmethod
+    def none(cls, model: SoftModel) -> Self:
+        """No stops: the joints of a robot pass their limits."""
+        return cls(np.full(model.nv, -np.inf), np.full(model.nv, np.inf))
 
     @cached_property
     def locked(self) -> np.ndarray:
@@ -72,7 +80,13 @@ class Stops(Frozen):
         """Speeds x (nv,) with A x + r = p, where p is the push of stops at the end of a step.
 
         The joints end at `at` + step x, within their limits. A joint that would leave them is held
-        at its stop, as long as the stop pushes it inward (an active set).
+        at its stop, as long as the stop pushes it inward. If all principal minors of A are
+        positive, as those of a positive definite matrix, there is one such x.
+
+        All joints that break a condition change, as long as this makes them fewer. Else the first
+        one alone changes until they are fewer (Júdice and Pires 1994). This rule, Murty's, never
+        comes back to an active set of such a matrix: once the joints before one meet their
+        conditions, the force on it rises with its speed, so that it changes at most twice.
 
         Parameters
         ----------
@@ -92,10 +106,14 @@ class Stops(Frozen):
         Raises
         ------
         LinAlgError
-            For a singular matrix, or one that is not finite.
+            For a singular matrix, or one that is not finite; or without an answer whose balance
+            and pushes are right up to rounding, in `ROUNDS` rounds.
         """
         held = held.copy()
-        return _solve(A, r, at, self.lower, self.upper, step, held), held
+        x, found = _solve(A, r, at, self.lower, self.upper, step, held)
+        if not found:
+            raise np.linalg.LinAlgError("no speeds balance the forces of joints and stops")
+        return x, held
 
     def prepare(self) -> None:
         """Compile `solve`, so that no step of a loop waits for it when a joint meets its stop."""
@@ -114,8 +132,9 @@ class Stops(Frozen):
 
 @compiled
 def _solve(A, r, at, lower, upper, step, held):
-    """The speeds (n,) of `Stops.solve`; `held` is changed in place."""
-    n, x = len(r), np.empty(len(r))
+    """The speeds (n,) of `Stops.solve`, and whether they are the answer; `held` is changed."""
+    n, x, push = len(r), np.empty(len(r)), np.empty(len(r))
+    fewest, patience, times = n + 1, PATIENCE, np.zeros(n, np.int64)
     for _ in range(ROUNDS):
         rows = A.copy()
         for i in range(n):
@@ -125,23 +144,38 @@ def _solve(A, r, at, lower, upper, step, held):
                 rows[i, i] = 1.0
                 x[i] = ((upper[i] if held[i] > 0 else lower[i]) - at[i]) / step
         x = np.linalg.solve(rows, x)
-        left = False
+        largest = 0.0
         for i in range(n):
-            there = at[i] + step * x[i]
-            if held[i] == 0 and (there > upper[i] or there < lower[i]):
-                held[i] = 1 if there > upper[i] else -1
-                left = True
-        if left:
-            continue
-        released = False
+            size, push[i] = abs(r[i]), r[i]
+            for j in range(n):
+                part = A[i, j] * x[j]
+                push[i] += part
+                size += abs(part)
+            largest = max(largest, size)
+        changes, balanced = held.copy(), True
+        broken = 0
         for i in range(n):
-            if held[i] != 0:
-                push = r[i]
-                for j in range(n):
-                    push += A[i, j] * x[j]
-                if push * held[i] > 0:
-                    held[i] = 0
-                    released = True
-        if not released:
-            break
-    return x
+            if held[i] == 0:
+                balanced &= abs(push[i]) <= ACCURACY * largest
+                there = at[i] + step * x[i]
+                if there > upper[i] or there < lower[i]:
+                    changes[i] = 1 if there > upper[i] else -1
+            elif push[i] * held[i] > ROUNDING * largest:
+                changes[i] = 0
+            broken += changes[i] != held[i]
+        if broken == 0:
+            return x, balanced
+        patience = PATIENCE if broken < fewest else patience - 1
+        fewest = min(fewest, broken)
+        for i in range(n):
+            if changes[i] == held[i]:
+                continue
+            held[i] = changes[i]
+            if patience < 0:
+                times[:i] = 0
+                times[i] += 1
+                if times[i] > 2:
+                    return x, False
+                break
+            times[:] = 0
+    return x, False

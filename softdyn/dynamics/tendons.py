@@ -26,12 +26,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from softdyn.compiled import compiled
+from softdyn.compiled import compiled, compiled_or
 from softdyn.description.robot import Tendon
 from softdyn.dynamics.wrapped_paths import PlacedPaths, WrappedPaths, compile_wraps
 
@@ -86,71 +87,14 @@ class Tendons:
     spatial: bool
     wraps: WrappedPaths
 
-    def lengths(
-        self,
-        coordinates: np.ndarray,
-        rotations: np.ndarray,
-        translations: np.ndarray,
-        placed: PlacedPaths | None = None,
-    ) -> np.ndarray:
-        """Lengths (tendons,) in metres, or in the unit of ``coef · q`` for fixed tendons.
-
-        Parameters
-        ----------
-        coordinates : ndarray, (nv,)
-            Joint coordinates.
-        rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
-            The bodies' poses.
-        placed : PlacedPaths, optional
-            The pieces around round bodies at these poses, if they are known.
-        """
-        lengths = self.coefficients @ coordinates + self.offset
-        if self.spatial:
-            norms = self._directions(rotations, translations)[2]
-            lengths += np.bincount(self.segments.bodies[:, 2], norms, len(self.names))
-        if self.wraps:
-            placed = self.wraps.at(rotations, translations) if placed is None else placed
-            lengths += placed.lengths()
-        return lengths
-
-    def moment_arms(
-        self,
-        jacobian: np.ndarray,
-        rotations: np.ndarray,
-        translations: np.ndarray,
-        placed: PlacedPaths | None = None,
-    ) -> np.ndarray:
-        """Moment arms ∂ℓ/∂q (tendons, nv).
-
-        Parameters
-        ----------
-        jacobian : ndarray, (6, nv)
-            Joint Jacobian columns (v; ω) about the world's origin.
-        rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
-            The bodies' poses.
-        placed : PlacedPaths, optional
-            The pieces around round bodies at these poses, if they are known.
-        """
-        start, direction, _ = self._directions(rotations, translations)
-        wrench = np.concatenate((direction, np.cross(start, direction)), axis=1)
-        (dof, segment), signs = self.segments.pairs.T, self.segments.signs
-        values = np.einsum("ik,ki->k", jacobian[:, dof], wrench[segment]) * signs
-        arms = self.coefficients.copy()
-        np.add.at(arms, (self.segments.bodies[segment, 2], dof), values)
-        if self.wraps:
-            placed = self.wraps.at(rotations, translations) if placed is None else placed
-            arms += placed.moment_arms(jacobian.T)
-        return arms
-
-    def geometry(
+    def at(
         self,
         coordinates: np.ndarray,
         S: np.ndarray,
         rotations: np.ndarray,
         translations: np.ndarray,
-        placed: PlacedPaths | None = None,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The `lengths` (tendons,) and `moment_arms` (tendons, nv), by the kernel.
+    ) -> TendonGeometry:
+        """The tendons at one configuration.
 
         Parameters
         ----------
@@ -160,74 +104,119 @@ class Tendons:
             Joint Jacobian columns (v; ω) about the world's origin, as rows.
         rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
             The bodies' poses.
-        placed : PlacedPaths, optional
-            The pieces around round bodies at these poses, if they are known.
         """
-        lengths, arms = self.coefficients @ coordinates + self.offset, self.coefficients
-        if self.spatial:
-            arms = arms.copy()
-            moment_arms(arms, lengths, S, rotations, translations, *self.segments)
-        if self.wraps:
-            placed = self.wraps.at(rotations, translations) if placed is None else placed
-            lengths += placed.lengths()
-            arms += placed.moment_arms(S)
-        return lengths, arms
+        return TendonGeometry(self, coordinates, S, rotations, translations)
 
-    def curvature(
-        self,
-        S: np.ndarray,
-        rotations: np.ndarray,
-        translations: np.ndarray,
-        force: np.ndarray,
-        v: np.ndarray,
-        placed: PlacedPaths | None = None,
-    ) -> tuple[np.ndarray, np.ndarray]:
+
+@dataclass(frozen=True, eq=False)
+class TendonGeometry:
+    """All tendons of a robot at one configuration; each quantity is computed on its first use.
+
+    `softdyn.dynamics.tree.TreeModel.tendon_geometry` makes one from views of the engine's results.
+    Use it before the engine computes another configuration.
+
+    Attributes
+    ----------
+    tendons : Tendons
+        The tendons.
+    coordinates : ndarray, (nv,)
+        Joint coordinates.
+    S : ndarray, (nv, 6)
+        Joint Jacobian columns (v; ω) about the world's origin, as rows.
+    rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
+        The bodies' poses.
+    """
+
+    tendons: Tendons
+    coordinates: np.ndarray
+    S: np.ndarray
+    rotations: np.ndarray
+    translations: np.ndarray
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """Lengths (tendons,) in metres, or in the unit of ``coef · q`` for fixed tendons."""
+        return self._lengths_and_arms[0]
+
+    @property
+    def moment_arms(self) -> np.ndarray:
+        """Moment arms ∂ℓ/∂q (tendons, nv)."""
+        return self._lengths_and_arms[1]
+
+    @cached_property
+    def around(self) -> PlacedPaths:
+        """The pieces around round bodies."""
+        return self.tendons.wraps.at(self.S, self.rotations, self.translations)
+
+    def curvature(self, force: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Σ f_t ∂²ℓ_t/∂q² (nv, nv), and the rates (tendons, nv) of the moment arms along q̇ = v.
 
         Parameters
         ----------
-        S : ndarray, (nv, 6)
-            Joint Jacobian columns (v; ω) about the world's origin, as rows.
-        rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
-            The bodies' poses.
         force : ndarray, (tendons,)
             The force f along each tendon.
         v : ndarray, (nv,)
             Velocity.
-        placed : PlacedPaths, optional
-            The pieces around round bodies at these poses, if they are known.
         """
-        if len(self.segments.bodies) == 0:
+        segments = self.tendons.segments
+        if len(segments.bodies) == 0:
             total, rates = np.zeros((len(v), len(v))), np.zeros((len(force), len(v)))
         else:
             if not v.flags.writeable:
                 v = v.copy()  # a read-only array would need a second compilation
-            total, rates = segment_curvature(S, rotations, translations, *self.segments, force, v)
-        if self.wraps:
-            placed = self.wraps.at(rotations, translations) if placed is None else placed
-            more = placed.curvature(S, force, v)
+            total, rates = segment_curvature(
+                self.S, self.rotations, self.translations, *segments, force, v
+            )
+        if self.tendons.wraps:
+            more = self.around.curvature(force, v)
             total, rates = total + more[0], rates + more[1]
         return total, rates
 
-    def _directions(
-        self, rotations: np.ndarray, translations: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Start points (ns, 3), unit directions (ns, 3) and lengths (ns,) of the segments."""
-        bodies, offsets = self.segments.bodies, self.segments.offsets
-        start, end = (
-            np.matmul(rotations[body], offset[:, :, None])[:, :, 0] + translations[body]
-            for body, offset in ((bodies[:, 0], offsets[:, :3]), (bodies[:, 1], offsets[:, 3:]))
+    def hessians(self) -> np.ndarray:
+        """Gradients of the moment arms ∂²ℓ/∂q² (tendons, nv, nv)."""
+        still, units = np.zeros(len(self.S)), np.eye(len(self.tendons.names))
+        found = [self.curvature(unit, still)[0] for unit in units]
+        return np.array(found).reshape(-1, len(still), len(still))
+
+    @cached_property
+    def _lengths_and_arms(self) -> tuple[np.ndarray, np.ndarray]:
+        tendons = self.tendons
+        lengths, arms = (
+            tendons.coefficients @ self.coordinates + tendons.offset,
+            tendons.coefficients,
         )
-        span = end - start
-        norms = np.sqrt(np.einsum("ij,ij->i", span, span))
-        return start, span / np.maximum(norms, TINY)[:, None], norms
+        if tendons.spatial:
+            arms = arms.copy()
+            moment_arms(arms, lengths, self.S, self.rotations, self.translations, *tendons.segments)
+        if tendons.wraps:
+            lengths += self.around.lengths()
+            arms += self.around.moment_arms()
+        return lengths, arms
 
 
-@compiled
+def arms_in_numpy(
+    arms: np.ndarray, lengths: np.ndarray, S: np.ndarray, rotations: np.ndarray,
+    translations: np.ndarray, bodies: np.ndarray, offsets: np.ndarray, pairs: np.ndarray,
+    signs: np.ndarray,
+) -> None:  # fmt: skip
+    """Compute `moment_arms` without compiled loops; its arguments are the same."""
+    start, end = (
+        np.matmul(rotations[body], offset[:, :, None])[:, :, 0] + translations[body]
+        for body, offset in ((bodies[:, 0], offsets[:, :3]), (bodies[:, 1], offsets[:, 3:]))
+    )
+    span, tendon = end - start, bodies[:, 2]
+    norms = np.sqrt(np.einsum("ij,ij->i", span, span))
+    direction = span / np.maximum(norms, TINY)[:, None]
+    wrench = np.concatenate((direction, np.cross(start, direction)), axis=1)
+    dof, segment = pairs.T
+    values = np.einsum("ki,ki->k", S[dof], wrench[segment]) * signs
+    np.add.at(lengths, tendon, norms)
+    np.add.at(arms, (tendon[segment], dof), values)
+
+
+@compiled_or(arms_in_numpy)
 def moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pairs, signs):
-    """Add the spatial tendons' moment arms to `arms` (nt, nv) and lengths to `lengths` (nt,).
-
-    It computes `Tendons.moment_arms` in loops over segments and pairs.
+    """Add the segments' moment arms to `arms` (nt, nv) and lengths to `lengths` (nt,).
 
     Parameters
     ----------
@@ -268,7 +257,7 @@ def moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pair
 
 @compiled
 def segment_curvature(S, rotations, translations, bodies, offsets, pairs, signs, force, v):
-    """Compute `Tendons.curvature`; only joints between a segment's ends contribute.
+    """Compute `TendonGeometry.curvature`; only joints between a segment's ends contribute.
 
     The arguments are those of `moment_arms`, with force (tendons,) and v (nv,).
     """

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,7 +23,7 @@ from softdyn.dynamics.engine import (
     moved_bodies,
 )
 from softdyn.dynamics.model import SoftModel, State, taut_gains
-from softdyn.dynamics.tendons import compile_tendons
+from softdyn.dynamics.tendons import TendonGeometry, compile_tendons
 from softdyn.exceptions import InputError
 
 
@@ -37,8 +39,9 @@ class TreeModel(SoftModel):
 
     Attributes
     ----------
-    pin_model : pinocchio.Model
-        The engine's model of the same file.
+    engine : pinocchio.Model
+        The engine's model of the same file. States and all other terms come from it, and from
+        numbers that were copied from it, so that it must not change.
     pin_data : pinocchio.Data
         Its scratch memory in the calling thread.
     gear : ndarray, (m,)
@@ -58,7 +61,7 @@ class TreeModel(SoftModel):
         if robot.followers:
             raise InputError("robot", "no mimic joint: see softdyn.build", robot.path)
         self.robot, self.bundled, self.name = robot, bundled, robot.name
-        model = self.pin_model = build_engine(robot)
+        model = self.engine = build_engine(robot)
         self.nq, self.nv, self.nu = model.nq, model.nv, len(robot.actuators)
         base = BASE if robot.floating else ()
         self.joint_names = (*base, *model.names[1 + robot.floating :])
@@ -82,6 +85,7 @@ class TreeModel(SoftModel):
         first = [model.idx_qs[j] + k - model.idx_vs[j] for k, j in enumerate(bodies)]
         continuous = np.array([joint.kind == "continuous" for joint in ordered])
         self.chart = Coordinates(self.nq, np.array(first), continuous, robot.floating)
+        self._turns = self.nq != self.nv  # some numbers of q are tied to each other
         self._frame = model.getFrameId(robot.task, pin.FrameType.BODY)
         moves = moved_bodies(model)
         index = {name: k for k, name in enumerate(self.joint_names)}
@@ -109,7 +113,7 @@ class TreeModel(SoftModel):
 
     def _pack(self, moves: np.ndarray) -> None:
         """Pack the arguments of the State's kernel in as few arrays as possible."""
-        model, tendons = self.pin_model, self.tendons
+        model, tendons = self.engine, self.tendons
         tip, offset = self.anchor(self.robot.task, np.zeros(3))
         bodies, before = joint_tree(model).T.tolist()
         beyond = [model.idx_vs[j] + self.pin_data.nvSubtree[j] for j in bodies]
@@ -121,34 +125,42 @@ class TreeModel(SoftModel):
             joints=np.column_stack((self.stiffness, self.rest, self.damping, self.armature)),
             tendons=np.column_stack(
                 (
-                    tendons.offset,
                     self.tendon_stiffness,
                     self.tendon_rest,
                     self.tendon_damping,
                     self.tendon_slack,
                 )
             ),
-            coefficients=tendons.coefficients,
+            actuated=self.actuated,
+            gear=self.gear.copy(),
         )
-        self._constants: tuple[Any, ...] = (
-            *constants, *tendons.segments, self.actuated, self.gear.copy(),
-        )  # fmt: skip
+        self._constants: tuple[Any, ...] = tuple(constants)
+        if not tendons.wraps:
+            self._constants += (tendons.offset, tendons.coefficients, *tendons.segments)
         count, self._spatial = len(tendons.names), tendons.spatial
         self._joint_rows = self.nv + kernels.JOINT_TERMS + count + self.nu, self.nv
         self._tip_and_lengths = 6 + count
         self._damped = tendons.spatial and bool(self.tendon_damping.any())
         self._slackens = bool(self.tendon_slack.any())
-        self._wraps = tendons.wraps
         self._assemble = self._by_kernel if COMPILES else self._in_numpy
 
     # -- state ---------------------------------------------------------------------------------
 
+    def _read(self, q: np.ndarray) -> np.ndarray:
+        """A configuration as a new array (nq,), checked."""
+        q = vector("q", q, self.nq)
+        if self._turns:
+            self.chart.check(q, self.joint_names)
+        return q
+
     def state(self, q: np.ndarray, v: np.ndarray) -> State:
         """Every term of the dynamics at (q, v)."""
         q, v = vector("q", q, self.nq), vector("v", v, self.nv)
+        if self._turns:
+            self.chart.check(q, self.joint_names)
         scratch = self._scratch
         here = self.about_base(q) if self.chart.floating else q
-        pin.nonLinearEffects(self.pin_model, scratch.data, here, v)
+        pin.nonLinearEffects(self.engine, scratch.data, here, v)
         scratch.latest = q
         return self._assemble(q, here, v, scratch)
 
@@ -156,16 +168,19 @@ class TreeModel(SoftModel):
         self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: ThreadScratch
     ) -> State:
         """The rest of a State by a kernel, from Pinocchio's results in its memory."""
-        pin.computeCentroidalMap(self.pin_model, scratch.data, here)
+        pin.computeCentroidalMap(self.engine, scratch.data, here)
         if not scratch.in_view:
             scratch.memory.copy_from(scratch.data)
         if not scratch.arguments:
             scratch.arguments = (*scratch.memory, *self._constants)
         joint_rows, tip_and_lengths = np.empty(self._joint_rows), np.empty(self._tip_and_lengths)
         coordinates = q if self.nq == self.nv else self.chart.of(q)
-        kernels.state_terms(joint_rows, tip_and_lengths, v, coordinates, *scratch.arguments)
-        if self._wraps:
-            self._around_bodies(joint_rows, tip_and_lengths, v, coordinates, scratch)
+        fill: Callable[..., None] = kernels.segments_and_state
+        if self.tendons.wraps:  # there is no kernel for courses around round bodies
+            fill, geometry = kernels.state_terms, self._geometry(coordinates)
+            kernels.tip_terms(tip_and_lengths)[2][:] = geometry.lengths
+            kernels.tendon_terms(joint_rows, len(geometry.lengths))[0][:] = geometry.moment_arms
+        fill(joint_rows, tip_and_lengths, v, coordinates, *scratch.arguments)
         if here is not q:
             tip_and_lengths[:3] += q[:3]
         for filled in (q, v, joint_rows, tip_and_lengths):
@@ -185,31 +200,11 @@ class TreeModel(SoftModel):
             y=y, ydot=ydot, lengths=lengths, moment_arms=arms,
         )  # fmt: skip
 
-    def _around_bodies(
-        self,
-        joint_rows: np.ndarray,
-        tip_and_lengths: np.ndarray,
-        v: np.ndarray,
-        coordinates: np.ndarray,
-        scratch: ThreadScratch,
-    ) -> None:
-        """Add the tendons' pieces around round bodies, for which there is no kernel."""
-        _, _, _, bias, K, h, _ = kernels.joint_terms(joint_rows)
-        lengths = kernels.tip_terms(tip_and_lengths)[2]
-        arms, inputs = kernels.tendon_terms(joint_rows, len(lengths))
-        memory = scratch.memory
-        placed = self._wraps.at(memory.rotations, memory.translations)
-        lengths += placed.lengths()
-        arms += placed.moment_arms(memory.S)
-        inputs[:] = self.gear[:, None] * arms[self.actuated]
-        K[:], D = self._springs_and_dampers(coordinates, lengths, arms, v)
-        h[:] = bias + D @ v + K
-
     def _in_numpy(
         self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: ThreadScratch
     ) -> State:
         """The same through Pinocchio's accessors and NumPy, without compiled kernels."""
-        model, data = self.pin_model, scratch.data
+        model, data = self.engine, scratch.data
         M = pin.crba(model, data, here, pin.Convention.WORLD).reshape(self.nv, self.nv)
         pin.computeJointJacobiansTimeVariation(model, data, here, v)
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -220,11 +215,11 @@ class TreeModel(SoftModel):
         y = pin.updateFramePlacement(model, data, self._frame).translation
         if here is not q:
             y = y + q[:3]
-        poses, coordinates = self.placements(), self.chart.of(q)
-        lengths = self.tendons.lengths(coordinates, *poses)
-        arms, B = self._fixed_arms, self._fixed_B
+        coordinates = self.chart.of(q)
+        geometry, arms, B = self._geometry(coordinates), self._fixed_arms, self._fixed_B
+        lengths = geometry.lengths
         if self.tendons.spatial:
-            arms = self.tendons.moment_arms(np.reshape(data.J, (6, self.nv)), *poses)
+            arms = geometry.moment_arms
             B = self._input_matrix(arms)
         K, D = self._springs_and_dampers(coordinates, lengths, arms, v)
         terms = {
@@ -237,53 +232,51 @@ class TreeModel(SoftModel):
 
     def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Coriolis matrix C (n, n) with Ṁ - 2C skew-symmetric."""
-        q, v = vector("q", q, self.nq), vector("v", v, self.nv)
-        C = pin.computeCoriolisMatrix(self.pin_model, self.pin_data, self.about_base(q), v)
+        q, v = self._read(q), vector("v", v, self.nv)
+        C = pin.computeCoriolisMatrix(self.engine, self.pin_data, self.about_base(q), v)
         return read_only(np.reshape(C, (self.nv, self.nv)))
 
     def gravity(self, q: np.ndarray) -> np.ndarray:
         """Gravity force g (n,), the gradient of `gravity_energy`."""
-        q = self.about_base(vector("q", q, self.nq))
-        momenta = pin.computeCentroidalMap(self.pin_model, self.pin_data, q)
+        q = self.about_base(self._read(q))
+        momenta = pin.computeCentroidalMap(self.engine, self.pin_data, q)
         linear = np.reshape(momenta, (6, self.nv))[:3]
-        return read_only(-self.pin_model.gravity.linear @ linear)
+        return read_only(-self.engine.gravity.linear @ linear)
 
     # -- dynamics ------------------------------------------------------------------------------
 
     def forward_dynamics(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Acceleration q̈ (n,) under the input u (m,), by the articulated-body algorithm."""
-        q, v = self.about_base(vector("q", q, self.nq)), vector("v", v, self.nv)
         u = vector("u", u, self.nu)
-        arms, B, coordinates, placed = self._fixed_arms, self._fixed_B, self.chart.of(q), None
-        if self.tendons.spatial:
-            jacobian, poses = self.joint_jacobian(q), self.placements()
-            placed = self._wraps.at(*poses) if self._wraps else None
-            arms = self.tendons.moment_arms(jacobian, *poses, placed)
-            B = self._input_matrix(arms)
-        lengths = self.tendons.lengths(coordinates, *self.placements(), placed)
-        K, D = self._springs_and_dampers(coordinates, lengths, arms, v)
+        if self._spatial:  # the State's kernel has lengths and arms in a fifth of the time
+            state = self.state(q, v)
+            q, v, B, K, D = state.q, state.v, state.B, state.K, state.D
+        else:
+            q, v, B = self._read(q), vector("v", v, self.nv), self._fixed_B
+            at = self.chart.of(q)
+            K, D = self._springs_and_dampers(at, self._geometry(at).lengths, self._fixed_arms, v)
         tau = B @ u - D @ v - K
-        return np.array(pin.aba(self.pin_model, self.pin_data, q, v, tau))
+        return np.array(pin.aba(self.engine, self.pin_data, self.about_base(q), v, tau))
 
     def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
         """½ q̇ᵀ M q̇ (J), armature included."""
-        q, v = self.about_base(vector("q", q, self.nq)), vector("v", v, self.nv)
-        M = np.reshape(pin.crba(self.pin_model, self.pin_data, q), (self.nv, self.nv))
+        q, v = self.about_base(self._read(q)), vector("v", v, self.nv)
+        M = np.reshape(pin.crba(self.engine, self.pin_data, q), (self.nv, self.nv))
         return float(v @ M @ v) / 2
 
     def gravity_energy(self, q: np.ndarray) -> float:
         """Potential energy of gravity (J), zero at the world's origin."""
-        q = vector("q", q, self.nq)
+        q = self._read(q)
         here = self.about_base(q)
-        energy = float(pin.computePotentialEnergy(self.pin_model, self.pin_data, here))
+        energy = float(pin.computePotentialEnergy(self.engine, self.pin_data, here))
         if here is not q:
-            weight = pin.computeTotalMass(self.pin_model) * self.pin_model.gravity.linear
+            weight = pin.computeTotalMass(self.engine) * self.engine.gravity.linear
             energy -= float(weight @ q[:3])
         return energy
 
     def elastic_energy(self, q: np.ndarray) -> float:
         """Energy of joint springs and elastic tendons (J)."""
-        q = vector("q", q, self.nq)
+        q = self._read(q)
         stretch = self.chart.of(q) - self.rest
         lengths = self.tendon_lengths(q)
         gain, _ = taut_gains(self, lengths, np.zeros(len(lengths)))
@@ -294,21 +287,23 @@ class TreeModel(SoftModel):
 
     def tendon_lengths(self, q: np.ndarray) -> np.ndarray:
         """Lengths (tendons,) of all tendons, in the file's order."""
-        q = self.about_base(vector("q", q, self.nq))
-        pin.forwardKinematics(self.pin_model, self.pin_data, q)
-        return self.tendons.lengths(self.chart.of(q), *self.placements())
+        return self.tendon_geometry(self._read(q)).lengths
 
     def tendon_moment_arms(self, q: np.ndarray) -> np.ndarray:
         """Moment arms ∂ℓ/∂q (tendons, n)."""
-        return self.tendons.moment_arms(self.joint_jacobian(q), *self.placements())
+        return np.array(self.tendon_geometry(self._read(q)).moment_arms)
 
     def tendon_hessians(self, q: np.ndarray) -> np.ndarray:
         """Gradients of the moment arms ∂²ℓ/∂q² (tendons, n, n)."""
-        kinematics, v = self.kinematics(vector("q", q, self.nq)), np.zeros(self.nv)
-        hessians = np.empty((len(self.tendons.names), self.nv, self.nv))
-        for t, unit in enumerate(np.eye(len(hessians))):
-            hessians[t] = self.tendons.curvature(*kinematics, unit, v)[0]
-        return hessians
+        return self.tendon_geometry(self._read(q)).hessians()
+
+    def tendon_geometry(self, q: np.ndarray) -> TendonGeometry:
+        """The tendons at q (nq,), on views of the engine: use it before another configuration."""
+        return self.tendons.at(self.chart.of(q), *self.kinematics(q))
+
+    def _geometry(self, coordinates: np.ndarray) -> TendonGeometry:
+        """The tendons in the engine's last kinematics."""
+        return self.tendons.at(coordinates, *self.last_kinematics())
 
     # -- configurations ------------------------------------------------------------------------
 
@@ -322,8 +317,8 @@ class TreeModel(SoftModel):
 
     def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
         """Pose (4, 4) in the world of every link."""
-        model, data = self.pin_model, self.pin_data
-        pin.framesForwardKinematics(model, data, vector("q", q, self.nq))
+        model, data = self.engine, self.pin_data
+        pin.framesForwardKinematics(model, data, self._read(q))
         return {
             link.name: data.oMf[model.getFrameId(link.name, pin.FrameType.BODY)].homogeneous
             for link in self.robot.links
@@ -331,10 +326,15 @@ class TreeModel(SoftModel):
 
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
         """q ⊕ dv (nq,): the configuration after the displacement dv (n,)."""
-        q, dv = vector("q", q, self.nq), vector("dv", dv, self.nv)
-        return np.array(pin.integrate(self.pin_model, q, dv))
+        q, dv = self._read(q), vector("dv", dv, self.nv)
+        return np.array(pin.integrate(self.engine, q, dv))
 
     # -- the engine ----------------------------------------------------------------------------
+
+    @cached_property
+    def pin_model(self) -> pin.Model:
+        """A copy of the engine's model, for a user's own algorithms; no change to it is felt."""
+        return self.engine.copy()
 
     @property
     def pin_data(self) -> pin.Data:
@@ -368,7 +368,7 @@ class TreeModel(SoftModel):
         For the q of the last State nothing is computed.
         """
         if self._scratch.latest is not q:
-            pin.computeJointJacobians(self.pin_model, self.pin_data, self.about_base(q))
+            pin.computeJointJacobians(self.engine, self.pin_data, self.about_base(q))
         return self.last_kinematics()
 
     def last_kinematics(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -376,15 +376,9 @@ class TreeModel(SoftModel):
         memory = self._scratch.results()
         return memory.S, memory.rotations, memory.translations
 
-    def joint_jacobian(self, q: np.ndarray) -> np.ndarray:
-        """Joint Jacobian columns (v; ω) (6, n) about the world's or a floating base's origin."""
-        q = self.about_base(vector("q", q, self.nq))
-        jacobian = pin.computeJointJacobians(self.pin_model, self.pin_data, q)
-        return np.reshape(jacobian, (6, self.nv))
-
     def anchor(self, link: str, xyz: np.ndarray) -> tuple[int, np.ndarray]:
         """The moving body that carries a point of a link, and the point in the body's frame."""
-        model = self.pin_model
+        model = self.engine
         frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
         return frame.parentJoint, frame.placement.act(np.array(xyz))
 

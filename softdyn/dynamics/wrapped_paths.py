@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -73,13 +74,21 @@ class WrappedPaths:
     def __bool__(self) -> bool:
         return len(self.tendon) > 0
 
-    def at(self, rotations: np.ndarray, translations: np.ndarray) -> PlacedPaths:
-        """The pieces at the bodies' poses (bodies, 3, 3), (bodies, 3)."""
+    def at(self, S: np.ndarray, rotations: np.ndarray, translations: np.ndarray) -> PlacedPaths:
+        """The pieces at one configuration.
+
+        Parameters
+        ----------
+        S : ndarray, (nv, 6)
+            Joint Jacobian columns (v; ω) about the world's origin, as rows.
+        rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
+            The bodies' poses.
+        """
         turned = rotations[self.carriers]
         points = (turned @ self.places)[..., 0] + translations[self.carriers]
         axes = turned[:, 0] @ self.axes
         found = courses(self.round_bodies, (points[:, 1:] - points[:, :1]) @ axes)
-        return PlacedPaths(self, axes, points[:, 1:], found)
+        return PlacedPaths(self, S, axes, points[:, 1:], found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +99,8 @@ class PlacedPaths:
     ----------
     paths : WrappedPaths
         The pieces.
+    S : ndarray, (nv, 6)
+        Joint Jacobian columns, as rows.
     axes : ndarray, (pieces, 3, 3)
         The round bodies' axes in the world, as columns.
     points : ndarray, (pieces, 2, 3)
@@ -99,11 +110,12 @@ class PlacedPaths:
     """
 
     paths: WrappedPaths
+    S: np.ndarray
     axes: np.ndarray
     points: np.ndarray
     courses: Courses
 
-    @property
+    @cached_property
     def directions(self) -> np.ndarray:
         """Unit vectors (pieces, 2, 3) in the world along the cables at the sites, outwards."""
         along: np.ndarray = self.courses.gradient @ self.axes.transpose(0, 2, 1)
@@ -114,36 +126,33 @@ class PlacedPaths:
         found: np.ndarray = self.paths.owners @ self.courses.length
         return found
 
-    def moment_arms(self, S: np.ndarray) -> np.ndarray:
-        """The pieces' part of the tendons' moment arms (tendons, nv).
-
-        Parameters
-        ----------
-        S : ndarray, (nv, 6)
-            Joint Jacobian columns (v; ω) about the world's origin, as rows.
-        """
-        arms = self.arms(S)
-        found: np.ndarray = self.paths.owners @ (arms[:, 0] + arms[:, 1])
+    def moment_arms(self) -> np.ndarray:
+        """The pieces' part of the tendons' moment arms (tendons, nv)."""
+        found: np.ndarray = self.paths.owners @ (self.arms[:, 0] + self.arms[:, 1])
         return found
 
-    def arms(self, S: np.ndarray) -> np.ndarray:
-        """The parts (pieces, 2, nv) of each piece's ∂ℓ/∂q by its sites; S as in `moment_arms`."""
+    @cached_property
+    def arms(self) -> np.ndarray:
+        """The parts (pieces, 2, nv) of each piece's ∂ℓ/∂q by its sites."""
         wrenches, along = np.empty((*self.points.shape[:2], 6)), self.directions
         wrenches[..., :3] = along
         wrenches[..., 3:] = (_times(self.points) @ along[..., None])[..., 0]
-        found: np.ndarray = self.paths.moves * (wrenches @ S.T)
+        found: np.ndarray = self.paths.moves * (wrenches @ self.S.T)
         return found
 
-    def columns(self, S: np.ndarray) -> np.ndarray:
+    @cached_property
+    def columns(self) -> np.ndarray:
         """∂/∂q (pieces, 2, nv, 3) of the sites' positions in the round bodies' frames."""
+        S = self.S
         moved = (S[:, :3] + S[:, 3:] @ _times(self.points)) @ self.axes[:, None]
         found: np.ndarray = self.paths.moves[..., None] * moved
         return found
 
-    def arm_rates(self, S: np.ndarray) -> np.ndarray:
+    @cached_property
+    def arm_gradients(self) -> np.ndarray:
         """The gradients (pieces, 2, nv, nv) of the `arms`; of both sites they are ∂²ℓ/∂q²."""
-        columns, count = self.columns(S), len(self.points)
-        turning = (self.paths.moves[..., None] * S[:, 3:]) @ self.axes[:, None]
+        columns, count = self.columns, len(self.points)
+        turning = (self.paths.moves[..., None] * self.S[:, 3:]) @ self.axes[:, None]
         across = columns @ _times(self.courses.gradient)
         carried = turning @ across.transpose(0, 1, 3, 2)
         nearer = self.paths.nearer[:, None]
@@ -151,25 +160,23 @@ class PlacedPaths:
         by_q = self._by_points(self.courses.bends.hessian, columns).reshape(count, 2, 3, -1)
         return columns @ by_q + carried
 
-    def turn_gradients(self, S: np.ndarray) -> np.ndarray:
+    def turn_gradients(self) -> np.ndarray:
         """∂φ/∂q (pieces, nv) of the turns at the bodies."""
-        return self._by_points(self.courses.bends.turn[:, None], self.columns(S))[:, 0]
+        return self._by_points(self.courses.bends.turn[:, None], self.columns)[:, 0]
 
-    def direction_rates(self, S: np.ndarray, moves: np.ndarray) -> np.ndarray:
+    def direction_gradients(self, moves: np.ndarray) -> np.ndarray:
         """∂/∂q (pieces, 2, nv, 3) of the `directions`; `moves` as for `compile_wraps`."""
         count = len(self.points)
-        by_q = self._by_points(self.courses.bends.hessian, self.columns(S))
+        by_q = self._by_points(self.courses.bends.hessian, self.columns)
         by_q = by_q.reshape(count, 2, 3, -1).transpose(0, 1, 3, 2)
-        turned = S[:, 3:] @ _times(self.directions)
+        turned = self.S[:, 3:] @ _times(self.directions)
         carried = moves.T[self.paths.carriers[:, 0], None, :, None] * turned
         found: np.ndarray = by_q @ self.axes.transpose(0, 2, 1)[:, None] + carried
         return found
 
-    def curvature(
-        self, S: np.ndarray, force: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The pieces' part of `softdyn.dynamics.tendons.Tendons.curvature`."""
-        hessians = self.arm_rates(S).sum(axis=1)
+    def curvature(self, force: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The pieces' part of `softdyn.dynamics.tendons.TendonGeometry.curvature`."""
+        hessians = self.arm_gradients.sum(axis=1)
         total = np.tensordot(force[self.paths.tendon], hessians, 1)
         return total, self.paths.owners @ (hessians @ v)
 

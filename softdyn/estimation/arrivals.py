@@ -28,24 +28,22 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.checks import number
-from softdyn.description.rig import LONGEST_DELAY, Sensor, SensorKind
+from softdyn.description.readings import SAME, ReadingLayout, SampledSensor
+from softdyn.description.rig import Sensor
 from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.winches import Winches
 from softdyn.estimation.covariance import submatrix
 from softdyn.sensing import Sensors
 
-SAME = 1e-3  # of a sampling interval or a step; times this close are one
 MATCH = 2e-6  # s, between the own times of a reading and of its prediction
 LEAST = 1e-6  # m, rad, …: noise below this is taken as this
-MOST_RATE = 1e9  # Hz; a number of samples stays a whole number
 MOST_ROWS = 150  # late readings that wait, of all channels
 SHARP = 30.0  # times its own variance; a reading that is known as well as this is as good as linear
 
 
 @dataclass(eq=False)
 class SensorChannel:
-    """Sensors with one rate and one latency.
+    """Sensors that sample at the same times.
 
     Attributes
     ----------
@@ -55,8 +53,8 @@ class SensorChannel:
         Their numbers among all readings.
     bias, variance : ndarray, (k,)
         The known error, and the variance of the noise and of the rounding.
-    rate, latency : float
-        Readings per second (0: one in each step), and age (s).
+    times : SampledSensor
+        The times of their readings; without a rate there is one in each step.
     linear : bool
         Whether no reading bends with q: joints, and tendons with constant moment arms.
     straight : bool
@@ -76,8 +74,7 @@ class SensorChannel:
     rows: np.ndarray
     bias: np.ndarray
     variance: np.ndarray
-    rate: float
-    latency: float
+    times: SampledSensor
     linear: bool
     straight: bool
     apart: float
@@ -95,15 +92,11 @@ class SensorChannel:
         """No reading has arrived, none waits."""
         self.last = self.newest = -math.inf
 
-    def own_time(self, t: float) -> float:
-        """The own time (s) of the reading that is there at time t (s)."""
-        return t - self.latency if self.rate == 0 else self._number(t) / self.rate
-
     def arrives(self, t: float) -> bool:
         """Whether a new reading is there at time t (s); it counts as taken."""
-        if self.rate == 0:
+        if self.times.rate == 0:
             return True
-        number = self._number(t)
+        number = self.times.number(t)
         new, self.last = number > self.last, max(number, self.last)
         return new
 
@@ -140,7 +133,7 @@ class SensorChannel:
         Stamped readings may belong to any time, so that one prediction in each step waits: that of
         its end, because it needs no step of its own.
         """
-        at_end = (end,) if self.latency > 0 and end > begin else ()
+        at_end = (end,) if self.times.latency > 0 and end > begin else ()
         for own in at_end if stamped else self._late(begin, end):
             if own >= self.newest + self.apart:
                 self.newest = own
@@ -148,27 +141,24 @@ class SensorChannel:
 
     def _late(self, begin: float, end: float) -> Iterator[float]:
         """The same for readings without stamps that are any time apart."""
-        step, rate = end - begin, self.rate
+        step, rate, latency = end - begin, self.times.rate, self.times.latency
         if step == 0:  # the length of the next step is not known
             number = round(end * rate)
-            if self.latency > 0 and rate > 0 and abs(number - end * rate) <= SAME:
+            if latency > 0 and rate > 0 and abs(number - end * rate) <= SAME:
                 yield number / rate
             return
         # a reading of this span arrives with one of two steps
-        arrival = end + step * math.floor(self.latency / step + SAME)
+        arrival = end + step * math.floor(latency / step + SAME)
         if rate == 0:
-            if self.latency > 0:
-                yield arrival - self.latency
+            if latency > 0:
+                yield arrival - latency
             return
-        for number in sorted({self._number(arrival), self._number(arrival + step)}):
+        for number in sorted({self.times.number(arrival), self.times.number(arrival + step)}):
             own = number / rate
             within = begin * rate + SAME < number <= end * rate + SAME
-            direct = self.latency == 0 and abs(number - end * rate) <= SAME
+            direct = latency == 0 and abs(number - end * rate) <= SAME
             if within and not direct:
                 yield own
-
-    def _number(self, t: float) -> int:
-        return math.floor((t - self.latency) * self.rate + SAME)
 
 
 @dataclass(eq=False)
@@ -283,36 +273,24 @@ def sensor_channels(model: SoftModel, sensors: tuple[Sensor, ...]) -> list[Senso
     InputError
         A rate or a latency out of range.
     """
-    for sensor in sensors:
-        number(f"sensor {sensor.name!r}: rate", sensor.rate, lower=0.0, upper=MOST_RATE)
-        number(f"sensor {sensor.name!r}: latency", sensor.latency, lower=0.0, upper=LONGEST_DELAY)
-    ends = np.cumsum([0, *(sensor.kind.size for sensor in sensors)])
-    chosen: dict[tuple[float, float], list[int]] = {}
+    layout = ReadingLayout(sensors)
+    chosen: dict[SampledSensor, list[int]] = {}
     for k, sensor in enumerate(sensors):
-        chosen.setdefault((sensor.rate, sensor.latency), []).append(k)
-    late = sum(sensor.kind.size for sensor in sensors if sensor.latency > 0)
+        chosen.setdefault(SampledSensor.of(sensor), []).append(k)
+    late = int(np.count_nonzero(layout.field("latency")))
     waiting = max(MOST_ROWS // max(late, 1), 1)
+    spatial = {tendon.name for tendon in model.robot.tendons if tendon.sites}
     found = []
-    for (rate, latency), members in chosen.items():
-        numbers = [np.arange(ends[k], ends[k + 1]) for k in members]
-        bias, noise, resolution = (
-            np.concatenate([
-                np.broadcast_to(getattr(sensors[k], field), sensors[k].kind.size) for k in members
-            ]) for field in ("bias", "noise", "resolution")
-        )  # fmt: skip
-        variance = np.maximum(noise**2 + resolution**2 / 12, LEAST**2)
-        read = Sensors(model, tuple(sensors[k] for k in members))
-        fixed = {tendon.name for tendon in model.robot.tendons if not tendon.sites}
-        linear = all(
-            sensors[k].kind is SensorKind.JOINT
-            or (sensors[k].kind is SensorKind.LENGTH and sensors[k].tendon in fixed)
-            for k in members
-        )
-        rows, parts = np.concatenate(numbers), read.components
+    for times, members in chosen.items():
+        own = ReadingLayout(tuple(sensors[k] for k in members))
+        variance = np.maximum(own.field("noise") ** 2 + own.field("resolution") ** 2 / 12, LEAST**2)
+        read = Sensors(model, own.sensors)
+        linear = all(s.kind.form.linear and s.tendon not in spatial for s in own.sensors)
+        rows, parts = np.flatnonzero(np.isin(layout.owners, members)), read.components
         straight = not (parts.rotations or parts.angles)
-        apart = latency / waiting * (1 - SAME)
+        apart = times.latency / waiting * (1 - SAME)
         found.append(
-            SensorChannel(read, rows, bias, variance, rate, latency, linear, straight, apart)
+            SensorChannel(read, rows, own.field("bias"), variance, times, linear, straight, apart)
         )
     return found
 

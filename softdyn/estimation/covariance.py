@@ -12,7 +12,7 @@ from scipy.linalg.blas import dger
 from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.stops import Stops
 
-ROUNDED, RIDGE = 1e-12, 1e-12  # rad or m; share of a variance
+RIDGE = 1e-12  # share of a variance; joints whose errors are one error have no inverse without it
 
 
 def predict(P, by_state, by_force, noise, held, step, moving, decay, added, turn, gained):
@@ -181,23 +181,30 @@ def onto_stops(model: SoftModel, at: np.ndarray, asked: np.ndarray, P: np.ndarra
         A correction, of q first.
     P : ndarray, (s, s)
         Covariance of the errors.
+
+    Raises
+    ------
+    LinAlgError
+        As `Stops.solve`, for a covariance that is not finite or far from definite.
     """
-    n, change, stops = model.nv, asked.copy(), Stops.of(model)
-    held = np.zeros(n, bool)
-    for _ in range(n):
-        there = at + change[:n]
-        beyond = (there > stops.upper + ROUNDED) | (there < stops.lower - ROUNDED)
-        beyond &= np.diag(P)[:n] > 0
-        if not (beyond & ~held).any():
-            break
-        held |= beyond
-        k = np.flatnonzero(held)
-        wanted = at + asked[:n]
-        target = (stops.within(wanted) - wanted)[k]
-        variances = P[np.ix_(k, k)] + np.diag(RIDGE * np.diag(P)[k])
-        change = asked + P[:, k] @ np.linalg.solve(variances, target)
+    n, stops, wanted = model.nv, Stops.of(model), at + asked[: model.nv]
+    deviation = np.sqrt(P.diagonal()[:n])
+    known = np.flatnonzero(deviation > 0)  # the others stay where they are
+    unit, own = deviation[known], wanted[known]
+    scaled = Stops(stops.lower[known] / unit, stops.upper[known] / unit)
+    near = P[np.ix_(known, known)] / np.outer(unit, unit) + RIDGE * np.eye(len(known))
+    # P⁻¹ (x - asked) is the push of the stops, in deviations
+    metric, guess = np.linalg.inv(near), np.sign(own - stops.within(wanted)[known]).astype(int)
+    _, held = scaled.solve(metric, -metric @ (own / unit), np.zeros(len(known)), 1.0, guess)
+    change, k = asked, known[held != 0]
+    if k.size:
+        ends = np.where(held[held != 0] > 0, stops.upper[k], stops.lower[k])
+        push = np.linalg.solve(
+            near[np.ix_(held != 0, held != 0)], (ends - wanted[k]) / deviation[k]
+        )
+        change = asked + P[:, k] @ (push / deviation[k])
     there = at + change[:n]
     inside = stops.within(there)
     if (inside != there).any():  # by rounding
-        change[:n] = inside - at
+        change = np.concatenate((inside - at, change[n:]))
     return change

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import fields
 
 import numpy as np
 
+from softdyn.actuation.capstan import Capstan
 from softdyn.actuation.drives import Drives
 from softdyn.checks import array, fill, instances, real, vector
-from softdyn.copies import Separate
+from softdyn.copies import KeepsMaking, Separate
+from softdyn.description.readings import SAME, ReadingLayout
 from softdyn.description.rig import Sensor
 from softdyn.dynamics.balance import Disturbance, ForceBalance
 from softdyn.dynamics.implicit_step import ImplicitStep
@@ -18,7 +21,6 @@ from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.winches import Winches
 from softdyn.estimation.arrivals import (
     MATCH,
-    SAME,
     LateReading,
     LateReadings,
     SensorChannel,
@@ -37,8 +39,8 @@ from softdyn.estimation.covariance import (
 from softdyn.estimation.drift import DisturbanceDrift
 from softdyn.estimation.estimate import StateEstimate
 from softdyn.estimation.parameters import EkfCounts, EkfParameters, disturbances_of
+from softdyn.estimation.rubbing import rubbing_covariance, rubbing_forces
 from softdyn.exceptions import InputError
-from softdyn.sensing import Sensors
 
 FROM_FILE = "file"
 LATEST = 1e10  # s; a double resolves microseconds up to here
@@ -54,7 +56,7 @@ KEPT = 1.5  # latencies for which predictions of stamped readings wait
 SET_BACK = 10  # refused steps with rising times; the clock is taken to be set back then
 
 
-class Ekf(Separate):
+class Ekf(KeepsMaking, Separate):
     """An extended Kalman filter of a robot's state and slow disturbances.
 
     The prediction is a backward Euler step with exact Jacobians and joint stops
@@ -73,7 +75,8 @@ class Ekf(Separate):
     Mehra 1970; Bar-Shalom, Li and Kirubarajan 2001, section 11.6).
 
     Disturbances drift by `softdyn.estimation.drift`, with their deviations and the time `memory`.
-    Accelerometers are read as without disturbances.
+    Accelerometers are read as without disturbances. Where the file states friction of cables, the
+    deviations of the disturbances include the error that it makes (`softdyn.estimation.rubbing`).
 
     Parameters
     ----------
@@ -126,13 +129,16 @@ class Ekf(Separate):
         if not chosen:
             raise InputError("sensors", "at least one <sensor> in the file, or a Sensor", "none")
         self.disturbances = disturbances_of(model, disturbances)
-        self.components = sum(sensor.kind.size for sensor in chosen)
-        self.reading_names = Sensors(model, tuple(chosen)).components.names
+        layout = ReadingLayout(tuple(chosen))
+        self.components, self.reading_names = layout.size, layout.names
         self.disturbance_units = {
             name: unit for one in self.disturbances for name, unit in one.units(model).items()
         }
-        self._channels = sensor_channels(model, tuple(chosen))
-        self._step = ImplicitStep(model, ForceBalance(model, self.disturbances))
+        self._channels = sensor_channels(model, layout.sensors)
+        self._balance = ForceBalance(model, self.disturbances)
+        self._step = ImplicitStep(model, self._balance)
+        capstan = Capstan(model)
+        self._capstan = capstan if len(capstan.tendon) and self.disturbances else None
         self._drives = Drives.of(model)
         wound = any(actuator.is_winch for actuator in model.robot.actuators)
         self._winches = Winches(model) if wound else None
@@ -175,12 +181,13 @@ class Ekf(Separate):
         self._q = vector("q", self._start[0] if q is None else q, model.nq)
         self._v = vector("v", self._start[1] if v is None else v, model.nv)
         self._drifting = np.zeros(len(self._drift.variances))
+        self._rubbed, self._rubbed_at = np.zeros((self._disturbed, self._disturbed)), -math.inf
         self._late = LateReadings(2 * model.nv + len(self._drifting))
         self._step.forget()
         self._cover(1.0)
         self._held = np.zeros(model.nv, np.int64)
         self._time, self._refused, self._behind = math.nan, -math.inf, 0
-        u = np.clip(0.0, model.u_min, model.u_max) if u is None else vector("u", u, model.nu)
+        u = model.relaxed if u is None else vector("u", u, model.nu)
         self._inputs = np.asarray(u, float)
         if counts:
             self._counted = dict.fromkeys((field.name for field in fields(EkfCounts)), 0)
@@ -213,8 +220,9 @@ class Ekf(Separate):
 
     def covariance_of(self, name: str) -> np.ndarray:
         """Covariance of the components of a disturbance that is estimated."""
-        rows = self._rows_of(name)
-        return self._P[rows, rows].copy()
+        rows, own = self._rows_of(name), self._slices[name]
+        found: np.ndarray = self._P[rows, rows] + self._rubbed[own, own]
+        return found
 
     def _rows_of(self, name: str) -> slice:
         first, part = 2 * self.model.nv, self._slices[name]
@@ -296,6 +304,9 @@ class Ekf(Separate):
         if self._predict(begin, t, soon) and correct(t, readings):
             for own, channel in waiting[len(soon) :]:
                 self._append(channel, own)
+            if self._capstan is not None and t - self._rubbed_at >= WINDOW and t > begin:
+                self._rubbed_at = t
+                self._consider(self._capstan, 1 / (t - begin))
         else:
             self._count("restarts")
             self.reset(counts=False)
@@ -309,7 +320,8 @@ class Ekf(Separate):
 
     def _estimate(self) -> StateEstimate:
         n = self.model.nv
-        deviations = np.sqrt(self._P.diagonal()[2 * n : 2 * n + len(self._d)])
+        variances = self._P.diagonal()[2 * n : 2 * n + len(self._d)]
+        deviations = np.sqrt(variances + self._rubbed.diagonal())
         return StateEstimate(
             self._q.copy(), self._v.copy(), self._P[: 2 * n, : 2 * n].copy(),
             {name: self._d[part].copy() for name, part in self._slices.items()},
@@ -379,6 +391,26 @@ class Ekf(Separate):
         self._late.add(LateReading(channel, own, values.copy(), change.copy(), variance))
         self._P = append(self._P, jacobian)
 
+    def _consider(self, capstan: Capstan, steps: float) -> None:
+        """The error that friction of cables makes now, for so many steps a second."""
+        n, free = self.model.nv, self._held == 0
+        still, memory = np.zeros(n), self.parameters.memory
+        here = self._balance.trusted(self._q, still, still, self._drives.commands, self._d)
+        rubbing = rubbing_forces(capstan, self._q, self._inputs)
+        expected = [(one, self._expect(one)) for one in self._channels]
+        H = np.vstack([values[1][:, :n][:, free] for _, (values, *_) in expected])
+        information = np.concatenate(
+            [
+                memory * min(one.times.rate or steps, steps) / variance
+                for one, (*_, variance) in expected
+            ]
+        )
+        with suppress(np.linalg.LinAlgError):  # a robot that nothing holds where it is
+            self._rubbed = rubbing_covariance(
+                here.by_q[np.ix_(free, free)], here.by_d[free], rubbing[free], H, information,
+                self._drift.variances[: self._disturbed],
+            )  # fmt: skip
+
     def _begin(self, t: float, readings: np.ndarray) -> bool:
         """The first correction; a start that its readings refute is taken as unknown."""
         start = self._q.copy(), self._v.copy(), self._counted.copy()
@@ -401,7 +433,7 @@ class Ekf(Separate):
         """Rows, errors and variances of a channel's readings (k,) with stamps; None without any."""
         assert self._stamps is not None
         late, size, n = self._late, len(self._P), self.model.nv
-        late.expire(channel, t - KEPT * channel.latency - LONGEST_AGE)
+        late.expire(channel, t - KEPT * channel.times.latency - LONGEST_AGE)
         good = usable(given, LARGEST)
         times = self._stamps[channel.where][np.isfinite(given)]
         if good == 0 or not np.isfinite(times).all():
@@ -439,7 +471,7 @@ class Ekf(Separate):
         return channel, rows, error, variance
 
     def _correct(self, t: float, readings: np.ndarray) -> bool:
-        """Fuse the readings that are there at t; False if the result is not finite."""
+        """Fuse the readings that are there at t; False if there is no finite result."""
         parts: list[tuple[SensorChannel, np.ndarray, np.ndarray, np.ndarray]] = []
         for channel in self._channels:
             given = readings[channel.where]
@@ -450,7 +482,7 @@ class Ekf(Separate):
                 continue
             if not channel.arrives(t):
                 continue
-            own = channel.own_time(t)
+            own = channel.times.own_time(t)
             match = self._late.arrive(channel, own)
             good = usable(given, LARGEST)
             if good < len(given):
@@ -489,7 +521,10 @@ class Ekf(Separate):
             self._adapted = min(max(adapted, self._quietest), 0.0)
             if not math.isfinite(change @ change):
                 return False
-            self._move(change)
+            try:
+                self._move(change)
+            except np.linalg.LinAlgError:  # a covariance without an inverse
+                return False
         self._P = self._late.forget(self._P)
         return math.isfinite(symmetrised(self._P))
 

@@ -26,7 +26,7 @@ class StateEstimate(Frozen):
     disturbances : dict of str to ndarray
         The estimated disturbances by their names.
     deviations : dict of str to ndarray
-        Their standard deviations.
+        Their standard deviations, with the error by friction of cables that the file states.
     nis : float
         Normalised innovation squared: the sum of e² / variance over the readings just used.
     used : int

@@ -22,10 +22,11 @@ from scipy.linalg import eigh
 
 from softdyn.actuation import Winches
 from softdyn.checks import number
-from softdyn.description.rig import CommandKind, Sensor
+from softdyn.description.rig import Sensor
 from softdyn.description.robot import sliding
 from softdyn.dynamics.balance import Disturbance
 from softdyn.dynamics.model import SoftModel, State
+from softdyn.dynamics.stops import Stops
 from softdyn.estimation.arrivals import sensor_channels
 from softdyn.estimation.ekf import FROM_FILE, Ekf
 from softdyn.estimation.parameters import EkfParameters
@@ -139,8 +140,7 @@ def observe(
     model, u = rest.model, rest.u
     steps = max(round(number("seconds", seconds, above=0.0) / number("period", period, above=0)), 1)
     truth = model.state(rest.q, np.zeros(model.nv))
-    speeds = [actuator.command is CommandKind.VELOCITY for actuator in model.robot.actuators]
-    commands = np.where(speeds, 0.0, Winches(model).commands(truth, u))
+    commands = np.where(model.robot.speeds, 0.0, Winches(model).commands(truth, u))
     return observe_run(
         model, period * np.arange(steps + 1), [truth] * (steps + 1), u, [commands] * (steps + 1),
         sensors, disturbances, parameters=parameters,
@@ -196,7 +196,7 @@ def observe_run(
     ideal = np.array([reader.measure(state, u).values for state in states])
     readings, steps = np.empty_like(ideal), len(t)
     for channel in sensor_channels(model, chosen):
-        own, which = np.unique([channel.own_time(now) for now in t], return_inverse=True)
+        own, which = np.unique([channel.times.own_time(now) for now in t], return_inverse=True)
         for column, variance in zip(channel.rows, channel.variance, strict=True):
             noise = rng.normal(size=len(own)) * (0.0 if seed is None else np.sqrt(variance))
             readings[:, column] = (np.interp(own, t, ideal[:, column]) + noise)[which]
@@ -234,7 +234,7 @@ def _wrong(model: SoftModel, q: np.ndarray) -> np.ndarray:
     turns = np.where(span > 0, WRONG * np.minimum(span, 1.0), WRONG)
     at = model.coordinates(q)
     away = np.where(at + turns <= model.upper, turns, -turns)
-    return model.integrate(q, np.clip(at + away, model.lower, model.upper) - at)
+    return model.integrate(q, Stops.of(model).within(at + away) - at)
 
 
 def _link_errors(model: SoftModel, q: np.ndarray, P: np.ndarray) -> dict[str, float]:

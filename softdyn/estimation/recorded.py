@@ -16,6 +16,7 @@ from softdyn.estimation.estimate import StateEstimate
 from softdyn.estimation.parameters import EkfCounts
 from softdyn.exceptions import InputError
 
+BIASED = 5.0  # standard deviations of a mean residual; with more it is no chance
 SETTLED = 0.25  # of the data; residuals before are of the start
 
 
@@ -44,6 +45,14 @@ class SensorResiduals:
     error: float
     rms: float
     normalised: float
+
+    @property
+    def biased(self) -> bool:
+        """Whether the mean is too far from zero for chance: a bias, or a force that lacks.
+
+        One reading alone has no standard deviation and says nothing.
+        """
+        return abs(self.mean) > BIASED * self.error > 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +85,8 @@ class ObservedData:
             found[name] = {"value": value.tolist(), "low": low.tolist(), "high": high.tolist()}
         return {
             "samples": len(self.t), "q": last.q.tolist(), "disturbances": found,
-            "residuals": [vars(one) for one in self.residuals], "counts": vars(self.counts),
+            "residuals": [{**vars(one), "bias": one.biased} for one in self.residuals],
+            "counts": vars(self.counts),
         }  # fmt: skip
 
     def __str__(self) -> str:
@@ -85,6 +95,7 @@ class ObservedData:
         lines = [
             f"{one.name:{width}} {one.used:6}  {one.mean:10.3g} ± {one.error:<8.2g} "
             f"{one.rms:9.3g}  {one.normalised:13.2f}"
+            + (f"   bias? {abs(one.mean) / one.error:.0f} standard errors" if one.biased else "")
             for one in self.residuals
         ]
         for name, found in self.to_dict()["disturbances"].items():

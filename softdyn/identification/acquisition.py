@@ -9,7 +9,7 @@ import numpy as np
 from softdyn.checks import flag, instance
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError
-from softdyn.identification.data import Measurements, check_data
+from softdyn.identification.data import Measurements, check_data, gaps
 from softdyn.identification.markers.camera import FEWEST_POINTS, MarkerView, kabsch, seen_at
 from softdyn.identification.markers.labels import followed, match, ordered
 from softdyn.identification.markers.mistakes import check_frame, check_size, exchanged
@@ -17,6 +17,7 @@ from softdyn.identification.outputs import measured_outputs
 from softdyn.identification.problem import Acquisition
 from softdyn.identification.rests import Inputs, rests
 from softdyn.identification.result import Identified
+from softdyn.identification.static_fit import StaticFit
 from softdyn.identification.unknowns.kinds import Around
 
 GRAMS = 102.0  # grams of weight in a newton
@@ -119,10 +120,25 @@ def doubts(found: Identified) -> tuple[str, ...]:
     """Lines on what is probably wrong in the data, seen after the fit.
 
     All stiffnesses, or all gears, far from the file by the same factor mean another unit of the
-    inputs. Markers may be exchanged in rows in which the exchange fits much better.
+    inputs. Markers may be exchanged in rows in which the exchange fits much better. Rows may have
+    been left out.
     """
     lines: list[str] = []
-    instance("found", found, Identified, "an Identified")
+    problem = instance("found", found, Identified, "an Identified").fit.problem
+    if isinstance(problem, StaticFit) and problem.in_part:
+        lines.append(
+            f"{problem.in_part} of {len(problem.data.t) + problem.in_part} rows are left out: their"
+            " cables slid back only in part"
+        )
+    if not problem.acquisition.static and (lost := gaps(found.data)).size:
+        k = int(lost[0])
+        cut = "each side has a first state of its own" if len(problem.runs) > 1 else (
+            "it is taken as held: leave these rows out"
+        )  # fmt: skip
+        lines.append(
+            f"{lost.size} gaps in the rows in which the input changed, the first one of"
+            f" {found.data.t[k + 1] - found.data.t[k]:.3g} s after t = {found.data.t[k]:g} s: {cut}"
+        )
     view = MarkerView.of(found.names)
     if len(view.positions) > 1:
         names = [found.names[k].rpartition(".")[0] for k in view.positions]

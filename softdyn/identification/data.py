@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,7 @@ from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.stops import Stops
 from softdyn.exceptions import InputError, errors_in
 from softdyn.identification.markers.points import PREFIX
-from softdyn.identification.unknowns.sensor_errors import READ, reading_names
-from softdyn.sensing.sensors import SUFFIXES
+from softdyn.identification.unknowns.sensor_errors import READ, layout_of
 
 FAR = 5.0  # times its bound; an input this large is probably in another unit
 AWAY = 50.0  # robot lengths; a tip that is farther away is probably in mm
@@ -31,6 +31,10 @@ ENOUGH = 0.2  # if this share of the data lies in stretches without a stop, hold
 NEAR = 0.02  # of a joint's range; a joint this close to a stop may be pressed against it
 LARGEST = 1e6  # rad or m; no robot's output is larger, and its square would hide all others
 BEYOND = 0.1  # of an input's range; a measured tension may overshoot its bound
+LOST = 5.0  # times the usual distance of rows; in a longer one, rows were lost
+TURNED = np.pi / 2  # rad between rows; with more, an angle that jumps by 2 pi is ambiguous
+ROUNDED = 1e-3  # rad; wrapped angles are within one turn up to their digits
+ROUND = 0.1  # of the unit circle's radius; cosines and sines may be noisy, but no other numbers
 PRESSED = 4  # samples before and after at which a held joint must be at its stop; arrivals bounce
 
 
@@ -186,15 +190,70 @@ def stretches(stops: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int]]]:
     return best[1], best[2]
 
 
+def unwound(where: str, angles: np.ndarray) -> np.ndarray:
+    """Angles (N,) of a joint that turns without end, without the jumps of an encoder by 2 pi.
+
+    Angles within one turn that jump by more than a half of one are taken as wrapped.
+
+    Raises
+    ------
+    InputError
+        For wrapped angles so far apart that the number of turns between rows is unknown.
+    """
+    if np.ptp(angles) > 2 * np.pi + ROUNDED or not (np.abs(np.diff(angles)) > np.pi).any():
+        return angles
+    found: np.ndarray = np.unwrap(angles)
+    most = float(np.abs(np.diff(found)).max())
+    if most > TURNED:
+        raise InputError(where, "less than a quarter of a turn between rows", f"{most:.3g} rad")
+    return found
+
+
+def _angles(path: str | Path, name: str, cosine: np.ndarray, sine: np.ndarray) -> np.ndarray:
+    """The angles (N,) of points (N,) on the unit circle, in one turn."""
+    size = np.hypot(cosine, sine)
+    off = np.flatnonzero(np.abs(size - 1) > ROUND)
+    if off.size:
+        k = int(off[0])
+        expected = "with the column of the sine a point on the unit circle"
+        raise InputError(f"{path}: column {name}", expected, f"{cosine[k]:g} and {sine[k]:g}")
+    found: np.ndarray = np.arctan2(sine, cosine)
+    return found
+
+
+def gaps(data: Measurements) -> np.ndarray:
+    """The rows (k,) behind which rows are lost and the input is another one afterwards.
+
+    An input is held from its row to the next. In a gap it is unknown when it changed.
+    """
+    interval = np.diff(data.t)
+    lost = interval > LOST * np.median(interval)
+    return np.flatnonzero(lost & (np.diff(data.u, axis=0) != 0).any(1))
+
+
+def cut(
+    runs: Sequence[tuple[int, int]], after: np.ndarray, shortest: int = SHORTEST
+) -> list[tuple[int, int]]:
+    """The runs, cut behind the rows `after`; parts of fewer samples than `shortest` are left out.
+
+    If no part is long enough, the runs stay whole.
+    """
+    parts = []
+    for begin, end in runs:
+        inside = [int(k) + 1 for k in after if begin <= k < end - 1]
+        parts += list(pairwise([begin, *inside, end]))
+    return [one for one in parts if one[1] - one[0] >= shortest] or list(runs)
+
+
 def output_names(model: SoftModel) -> tuple[str, ...]:
     """Names of all outputs that can be measured of a robot."""
     check_model(model)
     return (
         *(f"q.{name}" for name in model.joint_names), *(f"tip.{axis}" for axis in AXES),
         *(f"length.{name}" for name in model.tendons.names),
-        *(PREFIX[sensor.kind] + sensor.name + suffix for sensor in model.robot.sensors
-          if sensor.kind in PREFIX for suffix in SUFFIXES[sensor.kind.size]),
-        *(READ + name for name in reading_names(model.robot)),
+        *(PREFIX[sensor.kind] + name for sensor in model.robot.sensors
+          if sensor.kind in PREFIX for name in sensor.reading_names),
+        *(READ + name for name in layout_of(model.robot).names),
     )  # fmt: skip
 
 
@@ -240,8 +299,9 @@ def read_csv(
     ``direction.INPUT`` of static rows is the last direction of motion, see `Measurements`.
     The columns are ``t`` in seconds, ``u.NAME`` for every input, and any of ``q.JOINT`` (rad, m),
     ``tip.x``, ``tip.y``, ``tip.z``, ``length.TENDON``, ``point.MARKER.x`` (m) and
-    ``measured.SENSOR``. An empty cell is a gap. The log of a rig has ``acting.NAME`` too; the mean
-    of two rows is then the input between them, if a motor changed what was asked for.
+    ``measured.SENSOR``. A continuous joint may have ``q.JOINT.cos`` and ``q.JOINT.sin`` instead, as
+    in a log, or wrapped angles. An empty cell is a gap. The log of a rig has ``acting.NAME`` too;
+    the mean of two rows is then the input between them, if a motor changed what was asked for.
 
     Parameters
     ----------
@@ -261,6 +321,10 @@ def read_csv(
         number, angles in degrees, times in milliseconds, inputs beyond the file's bounds.
     """
     static = flag("static", static)
+    turning = {
+        f"q.{one.name}": (f"q.{one.name}.cos", f"q.{one.name}.sin")
+        for one in check_model(model).robot.moving_joints if one.kind == "continuous"
+    }  # fmt: skip
     inputs = tuple(f"u.{actuator.name}" for actuator in check_model(model).robot.actuators)
     ways = tuple(name.replace("u.", "direction.", 1) for name in inputs) if static else ()
     known = ("t", *inputs, *output_names(model))
@@ -269,15 +333,18 @@ def read_csv(
     acting = acting if set(acting) <= set(file.names) else ()
     chosen = tuple(instances("outputs", outputs, str, "the beginning of an output's name"))
     optional = "" if LOG in file.names else READ  # these may be unknown
+    pairs = {one: pair for one, pair in turning.items() if set(pair) <= set(file.names)}
+    circles = tuple(name for pair in pairs.values() for name in pair)
+    readable = {*known, *circles}
     header = [
         name for name in file.names
         if name in acting or not (
-            name.startswith(BESIDE) or (name.startswith(optional) and name not in known)
-            or (chosen and name in output_names(model) and not name.startswith(chosen))
+            name.startswith(BESIDE) or (name.startswith(optional) and name not in readable)
+            or (chosen and name in {*output_names(model), *circles} and not name.startswith(chosen))
         )
     ]  # fmt: skip
     for name in header:
-        if name not in (*known, *ways, *acting):
+        if name not in (*readable, *ways, *acting):
             expected = "t, u.INPUT, q.JOINT, tip.x, tip.y, tip.z, length.TENDON, point.MARKER.x,"
             expected += " pose.MARKER.rx or measured.SENSOR, of this robot and its markers"
             raise InputError(f"{path}: header", expected, did_you_mean(name, known))
@@ -285,16 +352,33 @@ def read_csv(
     file.once(("t", *inputs) if timed else inputs)
     table = file.numbers(header, GAPS)
     column = {name: table[:, k] for k, name in enumerate(header)} if len(table) else {}
-    names = tuple(name for name in known[1 + len(inputs) :] if name in header)
+    for name, (cosine, sine) in pairs.items():
+        if cosine in column and name not in column:
+            column[name] = _angles(path, cosine, column.pop(cosine), column.pop(sine))
+    for name in turning.keys() & column.keys():
+        column[name] = unwound(f"{path}: column {name}", column[name])
+    names = tuple(name for name in known[1 + len(inputs) :] if name in column)
     if not names or not column:
         expected = "rows, and a column of q.JOINT, tip.x, length.TENDON or point.MARKER.x"
         raise InputError(str(path), expected, f"{len(table)} rows of {', '.join(header)}")
-    for joint in model.robot.moving_joints:
+    revolute = [joint for joint in model.robot.moving_joints if joint.kind == "revolute"]
+    for joint in revolute:
         angles = column.get(f"q.{joint.name}", np.zeros(1))
         most = float(angles[np.argmax(np.abs(angles))])
-        if joint.kind == "revolute" and in_degrees(most, joint.lower, joint.upper):
+        if in_degrees(most, joint.lower, joint.upper):
             expected = f"radians, from {joint.lower:g} to {joint.upper:g}"
             raise InputError(f"{path}: column q.{joint.name}", expected, f"{most:g}: degrees?")
+    turning_sensors = [one for one in model.robot.sensors if one.kind.form.turns]
+    for name in (
+        *(f"q.{joint.name}" for joint in revolute),
+        *(READ + name for one in turning_sensors for name in one.reading_names),
+    ):
+        angles = column.get(name, np.zeros(1))
+        jumps = np.flatnonzero(np.abs(np.abs(np.diff(angles)) - 2 * np.pi) < TURNED)
+        if jumps.size:
+            k = int(jumps[0])
+            got = f"{angles[k]:g}, then {angles[k + 1]:g}: wrapped by 2 pi?"
+            raise InputError(f"{path}: column {name}", "an angle without jumps", got)
     u, values, forces = (
         np.stack([column[name] for name in some], 1) if some else np.zeros((len(table), 0))
         for some in (inputs, names, acting)

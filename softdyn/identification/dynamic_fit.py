@@ -14,7 +14,7 @@ from scipy.stats import norm
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
 from softdyn.identification.blocks import ResidualBlock, reduced
-from softdyn.identification.data import SHORTEST, Measurements, at_stops, stretches
+from softdyn.identification.data import SHORTEST, Measurements, at_stops, cut, gaps, stretches
 from softdyn.identification.intervals import (
     FEWEST,
     SHARE,
@@ -22,7 +22,7 @@ from softdyn.identification.intervals import (
     deviations,
     fit_length,
 )
-from softdyn.identification.linear import first_guess, smoothed
+from softdyn.identification.linear import first_guess, near_file, smoothed
 from softdyn.identification.outputs import of_sensors
 from softdyn.identification.parameters import Parameter, with_values
 from softdyn.identification.problem import PLAIN, Acquisition, Fit, FitProblem, Run, Simulated
@@ -30,8 +30,10 @@ from softdyn.identification.rests import Inputs, rests
 from softdyn.identification.trajectory import Driven, Start, TrajectoryError, follow
 from softdyn.identification.unknowns.kinds import SENSOR_LATENCY, Around
 from softdyn.identification.unknowns.sensor_errors import read_late, without_repeats
+from softdyn.statics.equilibrium import StaticsError
 
 CLEAR = 10  # a held joint follows its measurement if its motion over its noise is larger
+USUAL = 1.5  # times the usual distance of rows: a step's length; rows may be that unsteady
 PIECE = 100  # samples of the first pieces that are fitted
 LATE = 4  # least length of a piece over the largest latency; before that a piece has no readings
 ROUGH = 1e-3  # pieces are joined if a step would reduce the cost by a smaller share
@@ -67,7 +69,11 @@ class DynamicFit(FitProblem):
         cls, model: SoftModel, data: Measurements, unknowns: tuple[Parameter, ...], step: float,
         acquisition: Acquisition = PLAIN,
     ) -> DynamicFit:  # fmt: skip
-        """The problem on the stretches of the data that no stop disturbs."""
+        """The problem on the stretches of the data that no stop disturbs.
+
+        A step is no longer than rows usually are apart, also where rows are lost.
+        """
+        step = min(step, USUAL * float(np.median(np.diff(data.t))))
         joints = data.joints(model)
         if joints is None:
             none, whole = np.zeros((len(data.t), model.nv), bool), ((0, len(data.t)),)
@@ -77,6 +83,7 @@ class DynamicFit(FitProblem):
         held, runs = stretches(stops)
         if not runs:
             raise InputError("data", f"{SHORTEST} samples in a row away from the stops", "none")
+        runs = cut(runs, gaps(data), min(SHORTEST, len(data.t)))
         # at its stop a held joint moves less than on the way there, so each run is smoothed alone
         for begin, end in runs if held.any() else ():
             part = slice(begin, end)
@@ -194,7 +201,19 @@ class DynamicFit(FitProblem):
         if self.smooth is None:
             return self._of_growing_parts(), self.firsts(), self.first_noise()
         guess = first_guess(self.base, self.unknowns, self.data, self.smooth, self.stops)
-        return self.joined(guess)
+        return self.joined(self._better(near_file(self.unknowns, guess), guess))
+
+    def _better(self, near: np.ndarray, far: np.ndarray) -> np.ndarray:
+        """The one of two guesses under which short pieces of the runs stay closer to the data.
+
+        Smoothed angles may give a guess that is worse than the file's values. But the file's may be
+        wrong by decades.
+        """
+        if (near == far).all():
+            return near
+        short = replace(self, runs=_pieces(self.runs, PIECE))
+        noise = self.first_noise()
+        return min((near, far), key=lambda at: short._misfit(at, noise))
 
     def joined(self, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
         """Parameters, first states and noise from short pieces of the runs, joined four by four.
@@ -233,16 +252,20 @@ class DynamicFit(FitProblem):
         for short in (whole >> k for k in range(int(math.log2(whole / SHORTEST)), 0, -1)):
             part, ahead = (replace(self, runs=((0, end),)) for end in (short, 2 * short))
             there, _, _ = part.solved(theta, part.firsts(), noise, ROUGH)
-            try:
-                theta = min((theta, there), key=lambda at: ahead._misfit(at, noise))
-            except TrajectoryError:
-                continue
+            theta = min((theta, there), key=lambda at: ahead._misfit(at, noise))
         return theta
 
     def _misfit(self, theta: np.ndarray, noise: np.ndarray) -> float:
-        """Sum of squares of a run from rest."""
-        out = self.outputs(theta, self.firsts())[0]
-        return float(np.nansum(((out - self.data.outputs[: len(out)]) / noise) ** 2))
+        """Sum of squares of the runs from their measured first states; inf without a motion."""
+        try:
+            outputs = self.outputs(theta, self.firsts())
+        except (TrajectoryError, StaticsError, InputError):
+            return math.inf
+        left = [
+            (out - self.data.outputs[slice(*run)])[:, self.counted()] / noise[self.counted()]
+            for run, out in zip(self.runs, outputs, strict=True)
+        ]
+        return float(np.nansum(np.concatenate(left) ** 2))
 
     def noise(
         self, theta: np.ndarray, simulated: Sequence[Simulated], before: np.ndarray

@@ -25,9 +25,11 @@ from softdyn.identification.unknowns.kinds import (
     CABLE_FRICTION,
     INPUT_LOSS,
     KINDS,
+    SENSOR_BIAS,
     Kind,
     MotionSample,
 )
+from softdyn.identification.unknowns.sensor_errors import READ
 
 ONE_EACH = ("q", "length", "measured")  # outputs of one number; the others are points and poses
 PARTS = 4  # of the time, or of the rows
@@ -103,9 +105,10 @@ def where_text(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def extensions(
-    model: SoftModel, unknowns: Sequence[Parameter], static: bool, made: DesignFile | None
-) -> Iterator[tuple[str, tuple[Parameter, ...]]]:
-    """The extensions that are no unknowns yet: friction, the path of cables."""
+    model: SoftModel, unknowns: Sequence[Parameter], static: bool, made: DesignFile | None,
+    names: Sequence[str] = (),
+) -> Iterator[tuple[str, tuple[Parameter, ...]]]:  # fmt: skip
+    """The extensions that are no unknowns yet: friction, biases of sensors, the path of cables."""
     taken = {one.names[0] for one in unknowns}
     driven = {one.tendon for one in model.robot.actuators}
     rubs = np.array([float(one.name in driven) for one in model.robot.tendons])
@@ -117,6 +120,11 @@ def extensions(
     if not static and "friction" not in taken:
         size = SLIGHT * float(model.stiffness.mean() or 1.0)
         yield "friction", (Parameter(KINDS["friction"], "friction, all", np.ones(model.nv), size),)
+    if SENSOR_BIAS.name not in taken and any(name.startswith(READ) for name in names):
+        read = [
+            one for one in parameters(model, SENSOR_BIAS.name) if one.shift(model, names).any()
+        ]  # fmt: skip
+        yield SENSOR_BIAS.name, tuple(read)
     if made is not None and "offset" not in taken:
         try:
             yield "offset", made.unknowns(("offset.cable",))
@@ -152,7 +160,7 @@ def hints(
         yield Hint("a stiffness that depends on strain", before, strained)
     else:
         before = found.rms_held_out
-    for name, more in extensions(base, unknowns, found.static, made):
+    for name, more in extensions(base, unknowns, found.static, made, names):
         try:
             if found.static:
                 after = distance(names, left_out(_extended(found.fit, more), folds))

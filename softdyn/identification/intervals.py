@@ -53,13 +53,16 @@ def half_widths(block: ResidualBlock, groups: np.ndarray) -> np.ndarray:
     return np.maximum(alone, together * float(student.ppf(SHARE, count - 1)))
 
 
-def unidentifiable(unknowns: Sequence[Parameter], R: np.ndarray) -> tuple[set[int], list[str]]:
+def unidentifiable(
+    unknowns: Sequence[Parameter], R: np.ndarray, theta: np.ndarray
+) -> tuple[set[int], list[str]]:
     """Indices of parameters that are not identifiable, and the reasons as text.
 
     First come all parameters that would not be identifiable even if all others were known. If there
-    are none, it is one parameter of the worst combination.
+    are none, it is one parameter of the worst combination. Deviations are relative to the larger
+    one of the file's value and that found, because the file's may be a guess that is far too small.
     """
-    scaled = R * np.array([p.scale for p in unknowns])
+    scaled = R * np.maximum([p.scale for p in unknowns], np.abs(theta))
     alone = np.flatnonzero(np.linalg.norm(scaled, axis=0) * WIDEST < 1)
     if alone.size:
         return set(map(int, alone)), [unknowns[int(k)].label for k in alone]

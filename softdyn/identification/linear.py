@@ -110,5 +110,12 @@ def first_guess(
         count = np.maximum(np.bincount(joint, minlength=model.nv), 1)
         power = np.bincount(joint, left**2, model.nv) / count
         weights = 1 / np.sqrt(np.maximum(power, 1e-12 * max(power.max(), 1e-300)))
-    # a far guess is worse than the file's value, so the fit starts within a factor of ten of it
-    return np.clip(guess, theta - 0.9 * np.abs(theta), theta + 9 * np.abs(theta))
+    return guess
+
+
+def near_file(unknowns: Sequence[Parameter], guess: np.ndarray) -> np.ndarray:
+    """The guess (P,) within a factor of ten of the file's values, where the file has some."""
+    theta = np.array([parameter.nominal for parameter in unknowns])
+    free = np.array([one.kind.from_none and one.nominal == 0 for one in unknowns])
+    near = np.clip(guess, theta - 0.9 * np.abs(theta), theta + 9 * np.abs(theta))
+    return np.where(free, guess, near)

@@ -11,7 +11,7 @@ from tqdm.auto import tqdm
 
 from softdyn.checks import array, instance, instances, number
 from softdyn.dynamics.model import SoftModel, check_model
-from softdyn.exceptions import InputError
+from softdyn.exceptions import InputError, NotIdentifiable
 from softdyn.identification.blocks import reduced
 from softdyn.identification.data import Measurements, check_data
 from softdyn.identification.dynamic_fit import DynamicFit
@@ -91,6 +91,7 @@ def identify(
     data = kind.cleaned(model, data)
     keep, left_out = kind.parts(data, hold_out)
     whole = kind.of(model, data.rows(keep), unknowns, _positive(step), acquisition)
+    whole = whole.within(data, keep)
     text = f"{len(unknowns)} unknowns, {len(keep)} rows"
     off = None if progress else True  # None: in a terminal only
     with tqdm(desc=text, disable=off, leave=False, unit=" simulations") as bar:
@@ -179,14 +180,15 @@ def fit(problem: FitProblem) -> Fit:
     for _ in range(ROUNDS + len(theta)):
         theta, firsts, simulated = problem.solved(theta, firsts, noise)
         before, noise = noise, problem.noise(theta, simulated, noise)
-        drop, new = unidentifiable(problem.unknowns, reduced(problem.blocks(simulated, noise)).R)
+        R = reduced(problem.blocks(simulated, noise)).R
+        drop, new = unidentifiable(problem.unknowns, R, theta)
         texts += new
         if drop:
             unknowns = tuple(p for k, p in enumerate(problem.unknowns) if k not in drop)
             theta = np.delete(theta, sorted(drop))
             if not unknowns:
                 some = "; ".join(texts[:3]) + ("; …" if len(texts) > 3 else "")
-                raise InputError(
+                raise NotIdentifiable(
                     "data", "motion that shows some of the unknowns; try fewer of them, such as"
                     " --shared stiffness",
                     f"none of {asked} ({some})",
@@ -230,7 +232,8 @@ def least_deviations(
     R = reduced(problem.blocks(problem.simulated(theta, problem.firsts()), noise)).R
     identifiable, drop = list(range(len(unknowns))), {-1}
     while identifiable and drop:
-        drop, _ = unidentifiable([unknowns[k] for k in identifiable], R[:, identifiable])
+        some = [unknowns[k] for k in identifiable]
+        drop, _ = unidentifiable(some, R[:, identifiable], theta[identifiable])
         identifiable = [k for at, k in enumerate(identifiable) if at not in drop]
     found = np.full(len(unknowns), np.inf)
     found[identifiable] = deviations(R[:, identifiable])

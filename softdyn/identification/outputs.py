@@ -11,7 +11,7 @@ from softdyn.description.robot import Robot
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError
 from softdyn.identification.data import AXES
-from softdyn.identification.unknowns.sensor_errors import READ, sensors_of
+from softdyn.identification.unknowns.sensor_errors import READ, layout_of
 
 MARKS = ("point.", "pose.", READ)
 
@@ -20,8 +20,8 @@ def of_sensors(robot: Robot, names: Sequence[str], weights: np.ndarray) -> np.nd
     """The weight of the sensor (sensors,) of each output (outputs,); 0 for other outputs."""
     found = {
         READ + name: weight
-        for (_, readings), weight in zip(sensors_of(robot), weights, strict=True)
-        for name in readings
+        for sensor, weight in zip(layout_of(robot).sensors, weights, strict=True)
+        for name in sensor.reading_names
     }
     return np.array([found.get(name, 0.0) for name in names])
 

@@ -49,7 +49,8 @@ class Parameter:
     @property
     def unit(self) -> str:
         """Unit of θ."""
-        if np.count_nonzero(self.weights) > 1 and not self.kind.about_zero:
+        factor = self.weights[self.weights != 0].tolist() not in ([], [1.0])
+        if factor and not self.kind.about_zero:
             return "of the file's"
         if self.kind.maker is not None:
             return self.kind.maker.unit(self.label)
@@ -88,6 +89,9 @@ class Parameter:
 def parameters(model: SoftModel, kind: str, *, shared: bool = False) -> tuple[Parameter, ...]:
     """The unknowns of one kind: one for each member that the file gives, or one factor for all.
 
+    If the file gives no joint a stiffness, a damping or an armature, each joint has an unknown one,
+    or all have the same one.
+
     Parameters
     ----------
     model : SoftModel
@@ -109,10 +113,11 @@ def parameters(model: SoftModel, kind: str, *, shared: bool = False) -> tuple[Pa
     known = KINDS[kind]
     nominal, names = np.asarray(known.nominal(model)), known.members(model)
     about_zero = known.about_zero or known is KINDS["rest"]
-    present = np.arange(len(names)) if about_zero else np.flatnonzero(nominal)
+    none = known.from_none and not nominal.any()
+    present = np.arange(len(names)) if about_zero or none else np.flatnonzero(nominal)
     if not present.size:
         raise InputError(kind, "a first guess in the robot's file", "none of it")
-    if shared and known is INPUT_LOSS:
+    if shared and (known is INPUT_LOSS or none):
         return (Parameter(known, f"{kind}, all", np.ones(len(names)), 0.0),)
     if shared and about_zero:
         raise InputError(kind, "each for itself, --free", "one factor for all")
@@ -181,9 +186,9 @@ def columns_of(unknowns: Sequence[Parameter], sample: MotionSample, count: int) 
         weights = np.stack([parameter.weights for parameter in same], 1)
         found[:, at : at + len(same)] = same[0].kind.columns(sample) @ weights
         at += len(same)
-    engine, here = tree_of(sample.state.model).pin_model, None
+    engine, here = tree_of(sample.state.model).engine, None
     for k, beside, width in sample.around.neighbours:
-        if tree_of(beside).pin_model is not engine:  # else only its markers differ
+        if tree_of(beside).engine is not engine:  # else only its markers differ
             here = sample.residual(sample.state.model) if here is None else here
             found[:, k] = (sample.residual(beside) - here) / width
     return found
@@ -236,7 +241,7 @@ def with_values(model: SoftModel, unknowns: Sequence[Parameter], theta: np.ndarr
         robot = kinds[name].amended(robot, members)
     changed = build(robot)
     if "mass" in values:  # set in the engine, so that the file's text stays unchanged
-        engine = tree_of(changed).pin_model
+        engine = tree_of(changed).engine
         for name, factor in values["mass"].items():
             body = engine.getJointId(name)
             inertia = engine.inertias[body]

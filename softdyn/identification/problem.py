@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -109,6 +109,10 @@ class FitProblem(ABC):
         self, theta: np.ndarray, simulated: Sequence[Simulated], before: np.ndarray
     ) -> np.ndarray:
         """Standard deviations (outputs,) of the residuals; `before` for those without any."""
+
+    def within(self, data: Measurements, keep: np.ndarray) -> Self:
+        """The problem that knows the samples `data` from which its own, `keep`, were taken."""
+        return self
 
     def shorter(self, found: Fit) -> FitProblem | None:
         """The problem again on the part of the data that this fit shows to be usable."""

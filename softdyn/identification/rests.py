@@ -13,7 +13,10 @@ from softdyn.dynamics.tree import tree_of
 from softdyn.identification.parameters import Parameter, columns_of
 from softdyn.identification.unknowns.kinds import Around, MotionSample
 from softdyn.statics.equilibria import newton, settle
-from softdyn.statics.friction import Rubbing, stated
+from softdyn.statics.friction import Rubbing, follow, stated
+
+PULLED = 1e-6  # of the largest pull; the friction of a cable with less moves nothing
+PART = 0.02  # of a cable's friction; a row in which less of it acts the other way slid as a whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +58,7 @@ def rests(
     path, by = np.empty((len(inputs.u), n)), np.zeros((len(inputs.u), n, count))
     rubs = any(tendon.rubs for tendon in model.robot.tendons)
     rubs |= bool(inputs.loss.any()) or any(one.kind.measures == "input." for one in unknowns)
-    capstan, ways = Capstan(model), _directions(model, inputs) if rubs else None
+    capstan, ways = Capstan(model), directions(model, inputs) if rubs else None
     start = None
     for k, row in enumerate(inputs.u):
         way = None if ways is None else ways[k]
@@ -89,7 +92,7 @@ def _of_tendons(model: SoftModel, way: np.ndarray) -> np.ndarray:
     return found
 
 
-def _directions(model: SoftModel, inputs: Inputs) -> np.ndarray:
+def directions(model: SoftModel, inputs: Inputs) -> np.ndarray:
     """The last direction (N, m) of each input's cable, as `Inputs.direction`."""
     if inputs.direction is not None:
         return inputs.direction
@@ -103,3 +106,59 @@ def _directions(model: SoftModel, inputs: Inputs) -> np.ndarray:
         last = np.where(np.abs(change) > 1e-9, -np.sign(change), last)
         found[k], before = last, at.state.lengths[driven]
     return found
+
+
+def slid(model: SoftModel, u: np.ndarray, loss: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The last direction of each cable along slow rows, and the rows in which it slid as a whole.
+
+    A cable that turns back sticks at first, and then slides from its driven end on, guide by guide
+    (`softdyn.statics.friction`). Until it slides at all of them, its tensions depend on the rows
+    before. At the motor, the tension stays where it is while the input is within ± `loss` of it.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot with the friction of its cables.
+    u : ndarray, (N, m)
+        The inputs of the rows in the order of time; before them the robot has no input.
+    loss : ndarray, (m,)
+        As in `Inputs`.
+
+    Returns
+    -------
+    direction : ndarray, (N, m)
+        1 pulled in, -1 paid out.
+    whole : ndarray of bool, (N,)
+
+    Raises
+    ------
+    StaticsError
+        If no slow motion from row to row is found.
+    """
+    found, capstan = directions(model, Inputs(u, loss)), Capstan(model)
+    whole, tension, last = np.ones(len(u), bool), np.zeros(model.nu), np.zeros(model.nu)
+    tensions = np.empty_like(u)
+    for k, row in enumerate(u):
+        low = np.where((row >= 0) & (model.u_min >= 0), np.maximum(row - loss, 0), row - loss)
+        tension = tensions[k] = np.clip(tension, low, row + loss)
+        turned = row != last
+        whole[k] = not (turned & (low < tension) & (tension < row + loss)).any()
+        whole[k] &= k == 0 or whole[k - 1] or turned.any()
+        last = row
+    if not len(capstan.tendon):
+        return found, whole
+    driven = tree_of(model).actuated
+    path = follow(capstan, [np.zeros(model.nu), *tensions])[1:]
+    for k, rest in enumerate(path):
+        guides = capstan.at(rest.state)
+        pull = np.abs(guides.pull(rest.u))
+        rubbing = capstan.friction * guides.angles
+        for m, tendon in enumerate(driven):
+            own = capstan.tendon == tendon
+            if pull[tendon] <= PULLED * pull.max() or not own.any():
+                continue
+            way = np.sign(rubbing[own] @ rest.direction[own]) or found[k, m]
+            found[k, m] = way
+            missing = rubbing[own] @ np.abs(rest.direction[own] - way)
+            whole[k] &= missing <= PART * rubbing[own].sum()
+    return found, whole

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 
 from softdyn.dynamics.model import SoftModel
 from softdyn.identification.data import Measurements
@@ -15,8 +15,11 @@ from softdyn.identification.markers.camera import MarkerView
 from softdyn.identification.parameters import Parameter, member_values
 from softdyn.identification.problem import Fit
 from softdyn.identification.unknowns.kinds import SENSOR_ERRORS
+from softdyn.identification.unknowns.sensor_errors import READ, noises
 
 COARSE = 0.3  # of a standard deviation; more, and the simulation's step is too coarse
+FAR = 10.0  # times the file's value, or its part; a larger change is written as a factor
+COLOURED = 0.01  # probability of the residuals if they were white; below, they are not
 NOT_WHITE = (
     "the model lacks something, or the data are simulated with too coarse a step. To find out, "
     "simulate them with half the step: only an effect of the step shrinks"
@@ -112,6 +115,35 @@ class Identified:
         """Rms residual of the fit, as `rms_held_out`."""
         return distance(self.names, self.residuals)
 
+    @property
+    def coloured(self) -> bool:
+        """Whether the residuals are not white."""
+        return self.white < COLOURED
+
+    def beside_noise(self) -> dict[str, Any] | None:
+        """The residuals of sensors beside the noise that the robot's file states.
+
+        `ratios` by reading are rms over noise, and `chi2` is the sum of the squares over that
+        noise, of `samples` numbers; `p` is the probability of a larger one by chance. None without
+        such a sensor.
+        """
+        stated = noises(self.model.robot)
+        squares = {
+            name: (self.residuals[:, k] / stated[name.removeprefix(READ)]) ** 2
+            for k, name in enumerate(self.names)
+            if name.startswith(READ) and stated.get(name.removeprefix(READ), 0.0) > 0
+        }
+        finite = {name: one[np.isfinite(one)] for name, one in squares.items()}
+        finite = {name: one for name, one in finite.items() if one.size}
+        if not finite:
+            return None
+        statistic = float(sum(one.sum() for one in finite.values()))
+        samples = sum(one.size for one in finite.values())
+        return {
+            "ratios": {name: float(np.sqrt(one.mean())) for name, one in finite.items()},
+            "chi2": statistic, "samples": samples, "p": float(chi2.sf(statistic, samples)),
+        }  # fmt: skip
+
     def values(self) -> dict[str, dict[str, float]]:
         """Identified values of the robot, by kind and member, as `rewritten` takes them."""
         known = [
@@ -130,13 +162,14 @@ class Identified:
                  "label": one.parameter.label, "unit": one.parameter.unit, "value": one.value,
                  "low": one.interval[0], "high": one.interval[1], "identifiable": one.identified,
                  "identified": one.identified, "deviation": one.deviation,
-                 "interval": one.interval, "file": one.parameter.nominal}
+                 "interval": one.interval, "file": one.parameter.nominal,
+                 "white": not self.coloured}
                 for one in self.estimates
             ],
             "noise": dict(zip(self.names, self.noise.tolist(), strict=True)),
             "rms": self.rms, "rms_held_out": self.rms_held_out,
             "white": self.white, "held_out": self.held_out, "not_told": list(self.unidentifiable),
-            "moved": self.moved,
+            "moved": self.moved, "file_noise": self.beside_noise(),
         }  # fmt: skip
 
     def __str__(self) -> str:
@@ -146,15 +179,25 @@ class Identified:
             line = f"{one.parameter.label:{width}}  {one.value:12.6g} {one.parameter.unit}"
             if one.identified:
                 low, high = one.interval
-                line += f"   95 %: {low:.6g} … {high:.6g}"
+                line += f"   95 %: {low:.6g} … {high:.6g}" + (" (?)" if self.coloured else "")
                 if one.parameter.nominal and not one.parameter.kind.about_zero:
-                    line += f"   file {one.value / one.parameter.nominal - 1:+.1%}"
+                    line += f"   file {_change(one.value / one.parameter.nominal)}"
             else:
                 line += "   NOT IDENTIFIED: the file's value"
             lines.append(line)
         lines += [f"not identifiable from these data: {text}" for text in self.unidentifiable]
         low, high = np.nanmin(self.noise), np.nanmax(self.noise)
         lines.append(f"residuals, standard deviation: {low:.3g} … {high:.3g}")
+        if (beside := self.beside_noise()) is not None:
+            shown = ", ".join(
+                f"{name.removeprefix(READ)} {ratio:.3g}" for name, ratio in beside["ratios"].items()
+            )
+            lines.append(
+                f"residuals over the sensors' noise in the file: {shown}; "
+                f"χ² {beside['chi2']:.5g} of {beside['samples']} numbers"
+                + (": the model lacks something, or the noise is larger"
+                   if beside["p"] < COLOURED else "")
+            )  # fmt: skip
         if np.isfinite(self.held_out):
             lines.append(f"held-out part: {self.held_out:.3g} times the fit's residuals")
         if MarkerView.of(self.names).positions:
@@ -168,9 +211,14 @@ class Identified:
                 f"half the step of the simulation would move an estimate by {self.moved:.2g} of its"
                 " standard deviation: give a shorter --step"
             )
-        if self.white < 0.01:
-            lines.append(f"the residuals are not white: {NOT_WHITE}")
+        if self.coloured:
+            lines.append(f"(?) the residuals are not white: {NOT_WHITE}")
         return "\n".join(lines)
+
+
+def _change(ratio: float) -> str:
+    """A value over the file's, in percent or as a factor."""
+    return f"{ratio - 1:+.1%}" if 1 / FAR < ratio < FAR else f"times {ratio:.3g}"
 
 
 def rms(values: np.ndarray) -> float:

@@ -3,25 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from softdyn.dynamics.model import SoftModel
+from softdyn.exceptions import InputError
 from softdyn.identification.blocks import ResidualBlock
 from softdyn.identification.data import Measurements
 from softdyn.identification.intervals import fit_length, half_widths
-from softdyn.identification.parameters import Parameter
+from softdyn.identification.parameters import Parameter, with_values
 from softdyn.identification.problem import Acquisition, Fit, FitProblem, Run, Simulated
-from softdyn.identification.rests import Inputs, rests
-from softdyn.identification.unknowns.kinds import INPUT_LOSS, Around
+from softdyn.identification.rests import Inputs, directions, rests, slid
+from softdyn.identification.unknowns.kinds import CABLE_FRICTION, INPUT_LOSS, Around
+from softdyn.statics.equilibrium import StaticsError
+
+LEAST = 3  # rows of a fit
 
 
+@dataclass(frozen=True, eq=False)
 class StaticFit(FitProblem):
     """One run of rows at rest.
 
     All outputs of one kind have one common noise, and the intervals allow errors that the outputs
     of a row share (`intervals.half_widths`).
+
+    Attributes
+    ----------
+    sequence : Measurements, optional
+        All rows in the order of time, those held out too, if cables rub and no row states the
+        direction in which they slid last.
+    keep : ndarray of int, (N,)
+        The rows of it to fit.
     """
+
+    sequence: Measurements | None = None
+    keep: np.ndarray | None = None
 
     @classmethod
     def of(
@@ -45,6 +62,58 @@ class StaticFit(FitProblem):
         held = ((np.arange(count) + 0.5) * len(every) / max(count, 1)).astype(int)
         return np.setdiff1d(every, held), held
 
+    def within(self, data: Measurements, keep: np.ndarray) -> StaticFit:
+        """The problem that knows the rows `data` from which its own, `keep`, were taken."""
+        if data.direction is not None or not self._rubs():
+            return self
+        way = directions(self.base, Inputs(data.u, np.zeros(self.base.nu)))
+        own = replace(self.data, direction=way[keep])
+        return replace(self, data=own, sequence=data, keep=keep)
+
+    def shorter(self, found: Fit) -> StaticFit | None:
+        """The rows in which the cables slid as a whole, under the friction found.
+
+        Raises
+        ------
+        InputError
+            For too few such rows, and rows that no slow motion joins.
+        """
+        if self.sequence is None or self.keep is None:
+            return None
+        way, whole = self._slid(found, self.sequence)
+        rows = self.keep[whole[self.keep]]
+        if len(rows) < LEAST:
+            expected = f"{LEAST} rows or more in which the cables slid all the way after they"
+            expected += " turned; a larger change of the input, or direction.INPUT"
+            raise InputError("data", expected, f"{len(rows)} of {len(self.keep)}")
+        own = replace(self.sequence.rows(rows), direction=way[rows])
+        before = found.problem.data
+        same = before.direction is not None and np.array_equal(way[rows], before.direction)
+        if same and np.array_equal(own.t, before.t):
+            return None
+        return replace(self, data=own, runs=((0, len(rows)),))
+
+    @property
+    def in_part(self) -> int:
+        """The number of rows left out because the cables slid back only in part."""
+        return 0 if self.keep is None else len(self.keep) - len(self.data.t)
+
+    def _rubs(self) -> bool:
+        kinds = {one.names[0] for one in self.unknowns}
+        rubs = any(tendon.rubs for tendon in self.base.robot.tendons)
+        return rubs or not kinds.isdisjoint((INPUT_LOSS.name, CABLE_FRICTION.name))
+
+    def _slid(self, found: Fit, rows: Measurements) -> tuple[np.ndarray, np.ndarray]:
+        """`rests.slid` with the values found."""
+        problem, theta = found.problem, found.theta
+        assert isinstance(problem, StaticFit)
+        model = with_values(problem.base, problem.unknowns, theta)
+        try:
+            return slid(model, rows.u, problem.inputs(theta, (0, len(problem.data.t))).loss)
+        except StaticsError as error:
+            expected = "rows that a slow motion joins, or the columns direction.INPUT"
+            raise InputError("data", expected, error) from None
+
     def _path(
         self, model: SoftModel, theta: np.ndarray, run: Run, first: np.ndarray, around: Around,
         slopes: bool,
@@ -66,6 +135,9 @@ class StaticFit(FitProblem):
 
     def starting_point(self) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
         """The file's values, and noise from the outputs' ranges."""
+        for one in self.unknowns:
+            if one.kind.from_none and not one.nominal:
+                raise InputError(one.label, "a first guess in the robot's file", "none of it")
         theta = np.array([parameter.nominal for parameter in self.unknowns])
         return theta, self.firsts(), self._pooled(self.first_noise())
 
@@ -91,9 +163,13 @@ class StaticFit(FitProblem):
 
     def held_out(self, found: Fit, data: Measurements, left_out: np.ndarray) -> np.ndarray:
         """Residuals (N, outputs) of the rows `left_out` of the data."""
-        there = StaticFit.of(
-            self.base, data.rows(left_out), self.unknowns, np.inf, self.acquisition
-        )
+        rows = data.rows(left_out)
+        if self._rubs() and data.direction is None:
+            way, whole = self._slid(found, data)
+            if (left_out := left_out[whole[left_out]]).size < LEAST:
+                return np.zeros((0, len(found.noise)))
+            rows = replace(data.rows(left_out), direction=way[left_out])
+        there = StaticFit.of(self.base, rows, self.unknowns, np.inf, self.acquisition)
         return there.data.outputs - there.outputs(found.theta, there.firsts())[0]
 
     def _pooled(self, noise: np.ndarray) -> np.ndarray:

@@ -121,14 +121,15 @@ class Obstacle(Barrier):
     links : "all" or sequence of str, optional
         Whole links instead of a point; "all" are those that move.
     contact : bool
-        Whether links touch the obstacle in the twin.
+        Whether the obstacle is solid in the twin, as by default. All links touch it then, those
+        too that need not keep clear of it. Otherwise it is a region to keep out of.
     """
 
     _: KW_ONLY
     link: str | None = None
     point: Any = (0.0, 0.0, 0.0)
     links: Any = None
-    contact: bool = False
+    contact: bool = True
 
     @property
     def solid(self) -> Solid:

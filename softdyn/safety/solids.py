@@ -61,6 +61,20 @@ class Solid:
     link: str | None = None
     corners: np.ndarray | None = None
 
+    def signed(self, points: np.ndarray) -> np.ndarray:
+        """Distances (k,) of points (k, 3) of its own frame's parent; below 0 is the depth inside.
+
+        Only of a half-space, a ball or a box.
+        """
+        local = (points - self.centre) @ self.rotation
+        if np.isinf(self.half[0]):
+            return np.asarray(local[:, 2])
+        beyond = np.abs(local) - self.half
+        if not self.half.any():
+            return np.asarray(np.linalg.norm(local, axis=1) - self.swept)
+        outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+        return np.asarray(outside + np.minimum(beyond.max(axis=1), 0.0))
+
     @cached_property
     def is_mesh(self) -> bool:
         """Whether it has no core of simple form."""

@@ -106,6 +106,42 @@ class Surroundings:
         return found
 
     @property
+    def obstacle_names(self) -> tuple[str, ...]:
+        """The names of `obstacles`."""
+        pairs = zip(self.names, self.barriers, strict=True)
+        return tuple(name for name, one in pairs if isinstance(one, Obstacle))
+
+    @property
+    def solid_names(self) -> tuple[str, ...]:
+        """The names of the obstacles that are solid in the twin."""
+        pairs = zip(self.names, self.barriers, strict=True)
+        return tuple(name for name, one in pairs if isinstance(one, Obstacle) and one.contact)
+
+    def depths(self, reserve: np.ndarray, tip: np.ndarray) -> dict[str, float]:
+        """How deep (m) the robot is inside each barrier at the worst of k states, if it is.
+
+        It is so with the part that keeps clear of it. Where these are all links, the tip counts
+        too, because it may lie beyond the last link's shape.
+
+        Parameters
+        ----------
+        reserve : ndarray, (k, barriers)
+            The values of `reserve`.
+        tip : ndarray, (k, 3)
+            The tip's positions (m).
+        """
+        found = {}
+        for name, barrier, values in zip(
+            self.names, self.barriers, np.transpose(reserve), strict=True
+        ):
+            depth = -float(values.min() + barrier.margin)
+            if isinstance(barrier, Obstacle) and barrier.links == EVERY:
+                depth = max(depth, -float(barrier.solid.signed(tip).min()))
+            if depth > 0:
+                found[name] = depth
+        return found
+
+    @property
     def obstacles(self) -> tuple[Obstacle, ...]:
         """The barriers that are bodies of the world."""
         return tuple(one for one in self.barriers if isinstance(one, Obstacle))

@@ -6,8 +6,18 @@
 Noise, bias, latency, rate and resolution belong to the rig. The model does not add them.
 """
 
+from softdyn.description.readings import ReadingLayout, SampledSensor
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.sensing.measurement import Components, Measurement
-from softdyn.sensing.sensors import Sensors
+from softdyn.sensing.sensors import Sensors, measure
 
-__all__ = ["Components", "Measurement", "Sensor", "SensorKind", "Sensors"]
+__all__ = [
+    "Components",
+    "Measurement",
+    "ReadingLayout",
+    "SampledSensor",
+    "Sensor",
+    "SensorKind",
+    "Sensors",
+    "measure",
+]

@@ -11,10 +11,16 @@ p̈ depends on q̈(q, q̇, u). Its derivatives at constant q̈ are Pinocchio's, 
 
 A tension is -Σ gear u over the tendon's actuators, and k (ℓ - rest) + d ℓ̇. The second part is zero
 while a tendon is slack.
+
+A bend is the angle atan2(y, x) of the second link's axis w = (x, y, z) in the sensor's frame. With
+the difference ω of both links' angular velocities in this frame ẇ = ω × w, and so its rate is
+
+    ω_z - z (x ω_x + y ω_y) / (x² + y²).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,21 +30,22 @@ import numpy as np
 import pinocchio as pin
 
 from softdyn.checks import did_you_mean, vector
+from softdyn.description.readings import ReadingLayout
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.dynamics.derivatives import Derivatives, acceleration_derivatives
 from softdyn.dynamics.engine import BASE
 from softdyn.dynamics.model import SoftModel, State, check_model, check_state, taut_gains
 from softdyn.dynamics.points import BodyPoint, PointMotion
 from softdyn.dynamics.projection import Projection, project, underlying_tree
+from softdyn.dynamics.tendons import TendonGeometry
 from softdyn.dynamics.tree import TreeModel
 from softdyn.dynamics.winches import Winches
 from softdyn.exceptions import InputError
 from softdyn.sensing.measurement import Components, Measurement
 
 LOCAL = pin.ReferenceFrame.LOCAL
-SUFFIXES = {1: ("",), 3: (".x", ".y", ".z"), 6: (".x", ".y", ".z", ".rx", ".ry", ".rz")}
 STEP = 1e-5  # rad, m; of the differences of Jacobians
-ON_LINKS = (SensorKind.POSITION, SensorKind.POSE, SensorKind.GYRO, SensorKind.ACCELEROMETER)
+ACROSS = 1e-12  # least x² + y² of a bend; with less the axis stands across the plane of the bend
 
 
 class Place(NamedTuple):
@@ -52,11 +59,14 @@ class Place(NamedTuple):
         Its frame in this body's.
     point : BodyPoint or None
         The origin of this frame, if the sensor is on a link.
+    to : Place or None
+        The frame with the same turn on the second link, if there is one.
     """
 
     number: int
     frame: pin.SE3 = pin.SE3(1)
     point: BodyPoint | None = None
+    to: Place | None = None
 
 
 class SensorReadings(NamedTuple):
@@ -92,6 +102,8 @@ class Sensors:
         The robot's model.
     components : Components
         Names and kinds of the readings.
+    feels_inputs : bool
+        Whether a reading depends on the inputs: a tension or an acceleration.
 
     Raises
     ------
@@ -104,20 +116,20 @@ class Sensors:
         sensors = model.robot.sensors if sensors is None else sensors
         tree, self._S = underlying_tree(model)
         self._tree = tree
-        names: list[str] = []
-        turned, wrapped = [], []
-        self._parts: list[tuple[Reader, Place, slice]] = []
-        for sensor in sensors:
-            place, first = place_of(tree, sensor), len(names)
-            names += [sensor.name + suffix for suffix in SUFFIXES[sensor.kind.size]]
-            self._parts.append((READERS[sensor.kind], place, slice(first, len(names))))
-            if sensor.kind is SensorKind.POSE:
-                turned.append(first + 3)
-            if sensor.kind is SensorKind.JOINT and tree.chart.continuous[place.number]:
-                wrapped.append(first)
-        self.components = Components(tuple(names), tuple(turned), tuple(wrapped))
-        self._kinds = [sensor.kind for sensor in sensors]
-        self._accelerates = SensorKind.ACCELEROMETER in self._kinds
+        layout = ReadingLayout(tuple(sensors))
+        self._parts = [
+            (READERS[sensor.kind], place_of(tree, sensor), rows)
+            for sensor, rows in zip(layout.sensors, layout.slices, strict=True)
+        ]
+        angles = tuple(
+            rows.start
+            for sensor, (_, place, rows) in zip(sensors, self._parts, strict=True)
+            if sensor.kind.form.turns or (sensor.joint and tree.chart.continuous[place.number])
+        )
+        self.components = Components(layout.names, layout.rotations, angles)
+        self._curves = [CURVATURES.get(sensor.kind) for sensor in sensors]
+        self._accelerates = any(sensor.kind is SensorKind.ACCELEROMETER for sensor in sensors)
+        self.feels_inputs = any(sensor.kind.form.feels_inputs for sensor in sensors)
 
     def measure(self, state: State, u: np.ndarray) -> Measurement:
         """The readings without errors, and their derivatives: see `SoftModel.measure`."""
@@ -125,11 +137,6 @@ class Sensors:
         check_state(model, state)
         at = self._moment(state.q, state.v, vector("u", u, model.nu), state)
         return Measurement(*self._read(at), self.components)
-
-    @property
-    def feels_inputs(self) -> bool:
-        """Whether a reading depends on the inputs: a tension or an acceleration."""
-        return self._accelerates or SensorKind.TENSION in self._kinds
 
     def predict(
         self, q: np.ndarray, v: np.ndarray, u: np.ndarray, winches: Winches | None = None
@@ -176,11 +183,12 @@ class Sensors:
         They are analytic if all sensors read lengths, positions and joints, else differences.
         """
         n = self.model.nv
-        if BENDS.keys() >= set(self._kinds):
+        curves = [curve for curve in self._curves if curve is not None]
+        if len(curves) == len(self._parts):
             at = self._moment(q, v, u)
             found = np.zeros((len(self.components.names), n, n))
-            for kind, (_, place, rows) in zip(self._kinds, self._parts, strict=True):
-                BENDS[kind](at, place, found[rows])
+            for curve, (_, place, rows) in zip(curves, self._parts, strict=True):
+                curve(at, place, found[rows])
         else:
             ends = [
                 [
@@ -191,6 +199,15 @@ class Sensors:
             ]
             found = np.stack([ahead - behind for ahead, behind in ends], axis=2) / (2 * STEP)
         return 0.5 * (found + found.transpose(0, 2, 1))  # turns of a floating base do not commute
+
+
+def measure(model: SoftModel, state: State, u: np.ndarray) -> Measurement:
+    """The readings of a model's own sensors without errors: see `SoftModel.measure`."""
+    known = vars(check_model(model))
+    if "_sensors" not in known:
+        known["_sensors"] = Sensors(model)
+    sensors: Sensors = known["_sensors"]
+    return sensors.measure(state, u)
 
 
 @dataclass(eq=False)  # frozen, its creation would take as long as a reading
@@ -233,20 +250,23 @@ class Moment:
         return self.tree.kinematics(self.tree_q)
 
     @cached_property
+    def geometry(self) -> TendonGeometry:
+        """The tree's tendons, from the `kinematics`."""
+        return self.tree.tendons.at(self.tree.chart.of(self.tree_q), *self.kinematics)
+
+    @cached_property
     def cables(self) -> tuple[np.ndarray, np.ndarray]:
         """Lengths (tendons,) and moment arms (tendons, nv)."""
         if self.state is not None:
             return self.state.lengths, self.state.moment_arms
-        coordinates = self.tree.chart.of(self.tree_q)
-        lengths, arms = self.tree.tendons.geometry(coordinates, *self.kinematics)
-        return lengths, self.projected(arms)
+        return self.geometry.lengths, self.projected(self.geometry.moment_arms)
 
     @cached_property
     def arm_rates(self) -> np.ndarray:
         """Rates (tendons, nv) of the moment arms."""
-        tendons = self.tree.tendons
-        none, v = np.zeros(len(tendons.names)), self.v if self.S is None else self.S @ self.v
-        return self.projected(tendons.curvature(*self.kinematics, none, v)[1])
+        none = np.zeros(len(self.tree.tendons.names))
+        v = self.v if self.S is None else self.S @ self.v
+        return self.projected(self.geometry.curvature(none, v)[1])
 
     @cached_property
     def elasticity(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -268,7 +288,7 @@ class Moment:
         a = self.acceleration.value if self.accelerates else np.zeros(self.model.nv)
         if self.S is not None:
             v, a = self.S @ v, self.S @ a
-        engine, q = tree.pin_model, tree.about_base(self.tree_q)
+        engine, q = tree.engine, tree.about_base(self.tree_q)
         pin.computeForwardKinematicsDerivatives(engine, tree.pin_data, q, v, a)
         return tree.pin_data
 
@@ -321,8 +341,18 @@ def _moved(at: Moment, place: Place) -> PointMotion:
     return place.point.at(*at.kinematics)
 
 
+def _bend(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
+    assert place.to is not None
+    own, other = (at.kinematics[1][one.number] @ one.frame.rotation for one in (place, place.to))
+    x, y, z = own.T @ other[:, 0]
+    turn = own.T @ (_moved(at, place.to).turning - _moved(at, place).turning)
+    aside = z / max(x * x + y * y, ACROSS)
+    out.values[rows] = math.atan2(y, x)
+    out.by_q[rows] = at.projected(turn[2] - aside * (x * turn[0] + y * turn[1]))
+
+
 def _gyro(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
-    data, engine = at.data, at.tree.pin_model
+    data, engine = at.data, at.tree.engine
     out.values[rows] = pin.getFrameVelocity(engine, data, place.number, place.frame, LOCAL).angular
     by = pin.getFrameVelocityDerivatives(engine, data, place.number, place.frame, LOCAL)
     by_q, by_v = (np.reshape(block, (6, at.tree.nv))[3:] for block in by)
@@ -330,7 +360,7 @@ def _gyro(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
 
 
 def _accelerometer(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
-    data, engine = at.data, at.tree.pin_model
+    data, engine = at.data, at.tree.engine
     where = engine, data, place.number, place.frame, LOCAL
     rotation = data.oMi[place.number].rotation @ place.frame.rotation
     gravity = rotation.T @ engine.gravity.linear
@@ -352,17 +382,18 @@ READERS = {
     SensorKind.GYRO: _gyro,
     SensorKind.ACCELEROMETER: _accelerometer,
     SensorKind.JOINT: _joint,
+    SensorKind.BEND: _bend,
 }
 
 
-def _bend_length(at: Moment, place: Place, hessians: np.ndarray) -> None:
+def _length_curvature(at: Moment, place: Place, hessians: np.ndarray) -> None:
     tree = at.tree
     chosen = (np.arange(len(tree.tendons.names)) == place.number).astype(float)
-    bend, _ = tree.tendons.curvature(*at.kinematics, chosen, np.zeros(tree.nv))
+    bend, _ = at.geometry.curvature(chosen, np.zeros(tree.nv))
     hessians[0] = project(at.S, bend)
 
 
-def _bend_position(at: Moment, place: Place, hessians: np.ndarray) -> None:
+def _position_curvature(at: Moment, place: Place, hessians: np.ndarray) -> None:
     assert place.point is not None
     motion = _moved(at, place)
     for x, axis in enumerate(np.eye(3)):
@@ -373,9 +404,9 @@ def _straight(at: Moment, place: Place, hessians: np.ndarray) -> None:
     """A joint's reading is linear."""
 
 
-BENDS = {
-    SensorKind.LENGTH: _bend_length,
-    SensorKind.POSITION: _bend_position,
+CURVATURES: dict[SensorKind, Callable[[Moment, Place, np.ndarray], None]] = {
+    SensorKind.LENGTH: _length_curvature,
+    SensorKind.POSITION: _position_curvature,
     SensorKind.JOINT: _straight,
 }
 
@@ -389,19 +420,27 @@ def place_of(tree: TreeModel, sensor: Sensor) -> Place:
         If the robot does not have it.
     """
     robot = tree.robot
-    if sensor.kind in ON_LINKS:
-        _known(sensor, sensor.link, "link", [link.name for link in robot.links])
-        frame = tree.pin_model.frames[tree.pin_model.getFrameId(sensor.link, pin.FrameType.BODY)]
+    part = sensor.kind.form.place[0]
+    if part == "link":
         own = pin.SE3(sensor.origin.rotation, sensor.origin.translation)
-        at = frame.placement * own
-        point = BodyPoint(tree.pin_model, frame.parentJoint, at.translation)
-        return Place(frame.parentJoint, at, point)
-    if sensor.kind is SensorKind.JOINT:
+        place, *others = (
+            _on_link(tree, sensor, link, own) for link in (sensor.link, sensor.to) if link
+        )
+        return place._replace(to=others[0]) if others else place
+    if part == "joint":
         base = len(BASE) if robot.floating else 0  # a joint may have the name of one of these
         names = tree.joint_names[base:]
         return Place(base + _known(sensor, sensor.joint, "joint that moves", names))
     names = tree.tendons.names
     return Place(_known(sensor, sensor.tendon, "tendon", names))
+
+
+def _on_link(tree: TreeModel, sensor: Sensor, link: str, own: pin.SE3) -> Place:
+    """The place of a frame `own` on a link."""
+    _known(sensor, link, "link", [one.name for one in tree.robot.links])
+    frame = tree.engine.frames[tree.engine.getFrameId(link, pin.FrameType.BODY)]
+    at = frame.placement * own
+    return Place(frame.parentJoint, at, BodyPoint(tree.engine, frame.parentJoint, at.translation))
 
 
 def _known(sensor: Sensor, name: str, what: str, names: Sequence[str]) -> int:

@@ -48,7 +48,13 @@ from softdyn.dynamics.derivatives import gravity_stiffness, stiffness
 from softdyn.statics.branch import approach
 from softdyn.statics.diagnosis import Diagnosis, diagnose
 from softdyn.statics.equilibria import balance, ramp, rest, settle
-from softdyn.statics.equilibrium import Equilibrium, StaticsError, potential, residual
+from softdyn.statics.equilibrium import (
+    Equilibrium,
+    NoEquilibrium,
+    StaticsError,
+    potential,
+    residual,
+)
 from softdyn.statics.friction import StuckRest, follow, rest_after, rest_interval
 from softdyn.statics.reachable import (
     Loop,
@@ -68,7 +74,7 @@ from softdyn.statics.unknown_inputs import explore
 from softdyn.statics.zero_dynamics import zero_spectrum
 
 __all__ = [
-    "Diagnosis", "Equilibrium", "Loop", "ReachCell", "StaticsError",
+    "Diagnosis", "Equilibrium", "Loop", "NoEquilibrium", "ReachCell", "StaticsError",
     "StuckRest", "TaskSearch", "TipSearch", "approach", "balance", "diagnose", "explore",
     "follow", "gravity_stiffness", "inputs_for_tasks", "inputs_for_tip", "loop_around",
     "potential", "ramp", "random_inputs", "random_shapes", "reach_by_direction", "residual",

@@ -33,7 +33,7 @@ def approach(
     steps : int
         Largest number of steps.
     stay_stable : bool
-        End before the branch loses its stability.
+        End before the branch turns unstable.
     """
     instance("start", start, Equilibrium, "an Equilibrium")
     target = array("target", target, (3,))
@@ -78,7 +78,7 @@ def descend(
         change = here.joint_sensitivity @ du
         du *= min(1.0, LARGEST_STEP / max(np.abs(change).max(initial=0.0), 1e-300))
         after = follow(here, np.clip(here.u + du, model.u_min, model.u_max))
-        if after is not None and stay_stable and not after.stable:
+        if after is not None and stay_stable and after.unstable:
             after = None
         left, turned = (error, jacobian) if after is None else measure(after.state)
         if after is not None and np.linalg.norm(left) < np.linalg.norm(error):

@@ -88,5 +88,5 @@ def _courses(model: SoftModel, k: int, value: float) -> Courses:
     coordinates = np.zeros(model.nv)
     coordinates[k] = value
     q = model.configuration(coordinates)
-    kinematics = tree.kinematics(model.expand(q) if isinstance(model, Projection) else q)
-    return tree.tendons.wraps.at(*kinematics[1:]).courses
+    q = model.expand(q) if isinstance(model, Projection) else q
+    return tree.tendon_geometry(q).around.courses

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.mimic import build
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.text import head, joint_lines, numbers, rig_lines
@@ -22,6 +23,7 @@ from softdyn.statics.cable_edges import cable_edges
 from softdyn.statics.equilibria import rest
 from softdyn.statics.equilibrium import Equilibrium, locked_inputs
 from softdyn.statics.suspicious_values import (
+    below_floor,
     fast_springs,
     suspicious_shapes,
     suspicious_values,
@@ -49,21 +51,29 @@ class Diagnosis:
     boundary : tuple of float and Pose, or None
         The point on the way from q = 0 to the weakest pose at which gravity starts to win: its
         share of the way, and the pose there.
+    least : float
+        The smallest eigenvalue of the tangent stiffness at q = 0 over all directions, under the
+        least input; NaN without `held`. If it is negative, the robot falls from q = 0 unless
+        its inputs hold it.
     equilibrium : Equilibrium or None
         The equilibrium from q = 0 under the least input; None if there is none.
     warnings : tuple of str
         Warnings from reading the file.
     doubts : tuple of str
         Numbers that look wrong, and joint angles where a cable jumps.
+    notes : tuple of str
+        Limits of the simulation that the robot meets, although its numbers may be right.
     """
 
     model: SoftModel
     held: SoftModel | None
     poses: tuple[Pose, ...]
     boundary: tuple[float, Pose] | None
+    least: float
     equilibrium: Equilibrium | None
     warnings: tuple[str, ...]
     doubts: tuple[str, ...]
+    notes: tuple[str, ...]
 
     @property
     def rest(self) -> Pose:
@@ -89,6 +99,11 @@ class Diagnosis:
     def weakest(self) -> Pose:
         """The pose of least stiffness."""
         return min(self.poses, key=lambda pose: pose.least)
+
+    @property
+    def falls(self) -> bool:
+        """Whether the robot falls from q = 0 unless its inputs hold it."""
+        return self.least < 0
 
     @property
     def softest(self) -> dict[str, float]:
@@ -121,6 +136,7 @@ class Diagnosis:
             "equilibrium": self._equilibrium(),
             "warnings": list(self.warnings),
             "doubts": list(self.doubts),
+            "notes": list(self.notes),
             "ignored": list(robot.ignored),
         }
         return found | (self._of_poses() if self.poses else {})
@@ -137,6 +153,7 @@ class Diagnosis:
             "rank_drops_at": [self._place(pose) for pose in self.rank_drops],
             "softest_unactuated": self.softest,
             "stiffness_at_rest": rest.least,
+            "stiffness_of_all_directions_at_rest": self.least,
             "gravity_at_rest": rest.gravity.max() if len(rest.gravity) else None,
             "dominates_at_rest": rest.dominates,
             "poses_where_gravity_wins": len(self.gravity_wins),
@@ -179,6 +196,7 @@ class Diagnosis:
             "", *self._static_lines(),
             *(f"ignored: {', '.join(found)}" for found in [self.model.robot.ignored] if found),
             *(f"warning: {text}" for text in self.warnings),
+            *(f"note: {text}" for text in self.notes),
             "", *(f"doubtful: {text}" for text in self.doubts),
             f"looks wrong in {count} ways" if count else well,
         ))  # fmt: skip
@@ -243,11 +261,15 @@ class Diagnosis:
             yield "  every direction has an input"
             return
         rest = self.rest
-        verdict = "dominates" if rest.dominates else "does NOT dominate"
-        yield (
-            f"  at q = 0 stiffness {verdict}: the least is {rest.least:.3g} with gravity, "
-            f"which takes up to {rest.gravity.max(initial=-math.inf):.3g}"
-        )
+        parts = f"{rest.least:.3g} with gravity, which takes up to {rest.gravity[0]:.3g}"
+        if rest.dominates and self.falls:
+            yield (
+                f"  at q = 0 gravity wins unless an input holds the robot: the least of all "
+                f"directions is {self.least:.3g}; of those without an input it is {parts}"
+            )
+        else:
+            verdict = "dominates" if rest.dominates else "does NOT dominate"
+            yield f"  at q = 0 stiffness {verdict}: the least is {parts}"
         shares = ", ".join(f"{value:+.2f} {name}" for name, value in self.softest.items())
         yield f"  softest direction: {shares}"
         yield (
@@ -285,24 +307,40 @@ def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:
             held = build(replace(robot, floating=False))
     poses = () if held is None else tuple(sample_poses(held, samples, seed))
     outsize, unreadable = suspicious_shapes(robot)
-    equilibrium = boundary = None
+    equilibrium, boundary, least = None, None, math.nan
     if held is not None:
+        least = _least_stiffness(held)
         boundary = find_boundary(held, min(poses, key=lambda pose: pose.least))
         with suppress(SoftdynError), np.errstate(all="ignore"):  # some robots have none
             equilibrium = rest(held)
-    fast = fast_springs(model, model.state(model.q0, np.zeros(model.nv)).M)
+    fast = fast_springs(model, model.state(model.q0, np.zeros(model.nv)))
+    examined = [model.q0] if held is None else [held.configuration(p.coordinates) for p in poses]
+    floor = below_floor(model if held is None else held, examined)
     return Diagnosis(
         model,
         held,
         poses,
         boundary,
+        least,
         equilibrium,
         (*robot.warnings, *unreadable),
         (
             *suspicious_values(robot), *unbalanced(model), *([fast] if fast else []), *outsize,
             *_unheld(model, poses), *(() if held is None else cable_edges(held)),
         ),
+        (floor,) if floor else (),
     )  # fmt: skip
+
+
+def _least_stiffness(model: SoftModel) -> float:
+    """The smallest eigenvalue of ∂(K + g - B u)/∂q at q = 0 under the least input.
+
+    A value within rounding of the largest is zero.
+    """
+    u = model.relaxed
+    values = np.linalg.eigvalsh(stiffness(model, model.q0, u))
+    rounding = 1e-9 * np.abs(values).max(initial=0.0)
+    return float(values[0]) if abs(values[0]) > rounding else 0.0
 
 
 def _unheld(model: SoftModel, poses: Sequence[Pose]) -> Iterator[str]:

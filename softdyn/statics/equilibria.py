@@ -13,7 +13,7 @@ from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel, State, check_model
 from softdyn.dynamics.projection import Projection, underlying_tree
 from softdyn.dynamics.stops import Stops
-from softdyn.statics.equilibrium import ROUNDING, Equilibrium, StaticsError, potential
+from softdyn.statics.equilibrium import ROUNDING, Equilibrium, NoEquilibrium, potential
 
 TOLERANCE = 1e-10  # residual over the largest force
 LARGEST_STEP = 0.3  # largest motion of a joint in one iteration (rad, m), to stay in the basin
@@ -39,7 +39,7 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
 
     Raises
     ------
-    StaticsError
+    NoEquilibrium
         If the method does not converge: Π has no minimum, or rounding hides it.
     InputError
         For a wrong shape or a number that is not finite.
@@ -88,7 +88,9 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
     here, H = _forces(model, q, u), stiffness(model, q, u)
     if _balanced(here, H, 1e4):
         return _equilibrium(model, u, here, H)
-    raise StaticsError(f"no stable equilibrium of {model.name} after {ITERATIONS} steps", here.left)
+    raise NoEquilibrium(
+        f"no stable equilibrium of {model.name} after {ITERATIONS} steps", here.left
+    )
 
 
 def balance(model: SoftModel, u: np.ndarray, start: np.ndarray) -> Equilibrium:
@@ -105,7 +107,7 @@ def balance(model: SoftModel, u: np.ndarray, start: np.ndarray) -> Equilibrium:
 
     Raises
     ------
-    StaticsError
+    NoEquilibrium
         If the method does not converge.
     InputError
         For a wrong shape or a number that is not finite.
@@ -166,7 +168,7 @@ def newton(
     if _balanced(here, H, 1e4):
         return here, H
     name = model.name if friction is None else f"{model.name} with friction"
-    raise StaticsError(f"no equilibrium of {name} near the start", size)
+    raise NoEquilibrium(f"no equilibrium of {name} near the start", size)
 
 
 def ramp(
@@ -187,7 +189,7 @@ def ramp(
 
     Raises
     ------
-    StaticsError
+    NoEquilibrium
         If there is no equilibrium on the way.
     """
     u = array("u", u, (check_model(model).nu,))
@@ -220,7 +222,7 @@ def ramp(
 
 def rest(model: SoftModel) -> Equilibrium:
     """The equilibrium that `settle` finds from q = 0 under the input closest to zero in bounds."""
-    return settle(model, np.clip(np.zeros(check_model(model).nu), model.u_min, model.u_max))
+    return settle(model, check_model(model).relaxed)
 
 
 def move(model: SoftModel, q: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -276,7 +278,7 @@ def _apart(model: SoftModel, a: np.ndarray, b: np.ndarray) -> float:
     tree, _ = underlying_tree(model)
     if isinstance(model, Projection):
         a, b = model.expand(a), model.expand(b)
-    return float(np.abs(pin.difference(tree.pin_model, a, b)).max(initial=0.0))
+    return float(np.abs(pin.difference(tree.engine, a, b)).max(initial=0.0))
 
 
 def _placed(model: SoftModel, q: np.ndarray) -> np.ndarray:

@@ -45,6 +45,10 @@ class StaticsError(SoftdynError, ArithmeticError):
         return type(self), (self.text, self.residual)
 
 
+class NoEquilibrium(StaticsError):
+    """The search ended at a shape that is none: there is no equilibrium near the start."""
+
+
 @dataclass(frozen=True, eq=False)
 class Equilibrium(Frozen):
     """A robot at rest under a constant input.
@@ -118,6 +122,21 @@ class Equilibrium(Frozen):
         return bool(values.size and abs(values[0]) <= self.rounding)
 
     @property
+    def unstable(self) -> bool:
+        """Whether the potential falls in some direction."""
+        return not (self.stable or self.neutral)
+
+    @property
+    def loose(self) -> np.ndarray:
+        """Orthonormal columns (nv, any) that span the free directions without stiffness."""
+        free = np.flatnonzero(~self.held)
+        values, vectors = np.linalg.eigh(self.stiffness[np.ix_(free, free)])
+        found = vectors[:, np.abs(values) <= self.rounding]
+        columns = np.zeros((len(self.held), found.shape[1]))
+        columns[free] = found
+        return columns
+
+    @property
     def firmness(self) -> str:
         """The word for a text: stable, neutral or unstable."""
         return "stable" if self.stable else "neutral" if self.neutral else "unstable"
@@ -164,9 +183,8 @@ class Equilibrium(Frozen):
 
         It is NaN if a direction without stiffness moves the tip.
         """
-        J, free = self.state.J, ~self.held
-        values, vectors = np.linalg.eigh(self.stiffness[np.ix_(free, free)])
-        loose = J[:, free] @ vectors[:, np.abs(values) <= self.rounding]
+        J = self.state.J
+        loose = J @ self.loose
         if np.abs(loose).max(initial=0.0) > 1e-9 * np.abs(J).max(initial=0.0):
             return np.full((3, 3), np.nan)
         return J @ self._free_compliance @ J.T

@@ -29,7 +29,7 @@ STATIONS = 12  # number of points of a path that are checked
 
 
 def spread_rests(model: SoftModel, count: int, seed: int = 0) -> tuple[Equilibrium, ...]:
-    """Stable equilibria whose tips are spread over the reachable set, the outermost first.
+    """Stable or neutral equilibria whose tips are spread over the reachable set, outermost first.
 
     Each is the sampled equilibrium (`sample_rests`, `sample_between`) whose tip is farthest from
     that of `rest` and from those chosen before. Its input has room to all bounds. No joint is at a
@@ -52,7 +52,7 @@ def spread_rests(model: SoftModel, count: int, seed: int = 0) -> tuple[Equilibri
     start, count = rest(model), whole("count", count, 1)
     samples = list(sample_rests(model, RAYS, seed))
     samples += sample_between(samples, BETWEEN, seed)
-    stable = [one for one in samples if one.stable and _has_room(one)]
+    stable = [one for one in samples if not one.unstable and _has_room(one)]
     # some robots have a joint at a stop in every equilibrium
     left = [one for one in stable if not one.held.any()] or stable
     found: list[Equilibrium] = []
@@ -127,7 +127,7 @@ def reach_by_direction(
 def _has_room(one: Equilibrium) -> bool:
     """Whether no input is near the bound in its direction; an input of zero always has room."""
     model = one.model
-    origin = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
+    origin = model.relaxed
     room = np.where(one.u > origin, model.u_max - origin, origin - model.u_min)
     return bool((np.abs(one.u - origin) <= ROOM * room).all())
 

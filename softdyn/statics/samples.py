@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from softdyn.checks import instances, whole
 from softdyn.dynamics.model import SoftModel, check_model
+from softdyn.dynamics.stops import Stops
 from softdyn.statics.branch import approach
-from softdyn.statics.equilibria import rest, settle
+from softdyn.statics.equilibria import move, rest, settle
 from softdyn.statics.equilibrium import Equilibrium, StaticsError, locked_inputs
 
 STATIONS = 12  # equilibria along a ray of inputs
+PUSHES = 1e-9  # singular values below this share of the largest are rounding
 
 
 def sample_rests(model: SoftModel, rays: int, seed: int = 0) -> Iterator[Equilibrium]:
-    """Raise random inputs from rest, and yield the stable equilibria on the way.
+    """Raise random inputs from rest, and yield the stable or neutral equilibria on the way.
 
     A robot's useful tensions may be much smaller than its bounds. Each ray of inputs therefore goes
     from a thousandth of its end to its end in equal ratios.
+
+    A direction without stiffness, such as the turn of a continuous joint about a vertical axis, has
+    an equilibrium anywhere, and none under an input that pushes along it. There each ray begins
+    at a random place, within ±π (rad, m), and does not push.
 
     Parameters
     ----------
@@ -30,29 +37,40 @@ def sample_rests(model: SoftModel, rays: int, seed: int = 0) -> Iterator[Equilib
     """
     rng = np.random.default_rng(whole("seed", seed))
     start = rest(model)
+    loose = start.loose
+    push = loose.T @ start.state.B
+    still = np.eye(model.nu) - np.linalg.pinv(push, rcond=PUSHES) @ push
     for end in random_inputs(model, whole("rays", rays), seed):
-        here = start
+        q = start.q
+        ray = end - start.u
+        if loose.size:
+            q = move(model, q, loose @ rng.uniform(-math.pi, math.pi, loose.shape[1]))
+            ray = still @ ray  # a projection may leave the bounds
+            room = np.where(ray > 0, model.u_max - start.u, model.u_min - start.u)
+            moved = ray != 0
+            ray *= float(np.min(room[moved] / ray[moved], initial=1.0))
         for part in np.geomspace(1e-3, 1.0, STATIONS) * 10 ** -rng.uniform(0.0, 3 / STATIONS):
             try:
-                here = settle(model, start.u + part * (end - start.u), here.q)
+                here = settle(model, start.u + part * ray, q)
             except StaticsError:
                 break
+            q = here.q
             yield here
 
 
 def sample_between(
     samples: Sequence[Equilibrium], count: int, seed: int = 0
 ) -> Iterator[Equilibrium]:
-    """More stable equilibria, with tips in the gaps between those of `samples`.
+    """More stable or neutral equilibria, with tips in the gaps between those of `samples`.
 
     For each one a random point is drawn in the box around all tips. The search starts at the sample
-    closest to the point, and goes towards the point while it stays stable. It reaches points within
-    the reachable set; for other points it ends at the edge of the set.
+    closest to the point, and goes towards the point until it turns unstable. It reaches points
+    within the reachable set; for other points it ends at the edge of the set.
 
     Parameters
     ----------
     samples : sequence of Equilibrium
-        Stable equilibria to start from.
+        Equilibria to start from.
     count : int
         Number of equilibria.
     seed : int
@@ -74,7 +92,7 @@ def sample_between(
 def random_inputs(model: SoftModel, count: int, seed: int = 0) -> np.ndarray:
     """Inputs (count, nu) on the surface of the box of bounds, along rays from the least input."""
     rng, count = np.random.default_rng(whole("seed", seed)), whole("count", count)
-    origin = np.clip(np.zeros(check_model(model).nu), model.u_min, model.u_max)
+    origin = check_model(model).relaxed
     ends = rng.uniform(model.u_min, model.u_max, (count, model.nu)) - origin
     room = np.where(ends > 0, model.u_max - origin, model.u_min - origin)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -90,7 +108,7 @@ def random_shapes(
     check_model(model)
     for _ in range(whole("count", count)):
         wild = model.coordinates(model.q0) + rng.uniform(-0.7, 0.7, model.nv)
-        q = model.configuration(np.clip(wild, model.lower, model.upper))
+        q = model.configuration(Stops.of(model).within(wild))
         yield q, balancing_input(model, q)
 
 
@@ -98,7 +116,7 @@ def balancing_input(model: SoftModel, q: np.ndarray) -> np.ndarray:
     """The input (nu,) within its bounds that balances a configuration q (nq,) best."""
     from scipy.optimize import lsq_linear  # imported only here, because it is slow to import
 
-    u = np.clip(np.zeros(check_model(model).nu), model.u_min, model.u_max)
+    u = check_model(model).relaxed
     locked = locked_inputs(model)
     free = np.flatnonzero(~locked)
     if free.size:

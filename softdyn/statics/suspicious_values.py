@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
+from scipy.linalg import eigh
 
 from softdyn.description.meshes import Mesh
 from softdyn.description.robot import Joint, Robot, moving_bodies
 from softdyn.description.visuals import triangles, visuals
-from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.model import SoftModel, State
+from softdyn.dynamics.projection import Projection, underlying_tree
 from softdyn.plausible import WEIGHT, too_heavy, too_strong
 
 PLANT_STEP = 5e-4  # s, the coarsest plant step of the closed loops
+FLOOR = 1e-15  # kg m² or kg: mjMINVAL, below which MuJoCo calls a pivot of M singular
 
 DENSE, LIGHT = (
     25_000.0,
@@ -54,21 +57,63 @@ def suspicious_shapes(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return tuple(found), unreadable
 
 
-def fast_springs(model: SoftModel, M: np.ndarray, timestep: float = PLANT_STEP) -> str | None:
-    """One line about the spring with the highest frequency, if plant steps (s) cannot follow it.
+def fast_springs(model: SoftModel, state: State, timestep: float = PLANT_STEP) -> str | None:
+    """One line about the mode of springs that plant steps (s) cannot follow, if there is one.
 
-    With λ = k (M⁻¹)_ii, the square of the frequency, an explicit step h is unstable if λ h² > 4.
+    A plant step h takes springs explicitly and damping implicitly:
+
+        (M + h D) (v' - v) = -h (K q + D v),   q' = q + h v'.
+
+    A mode q ∝ zᵏ has (m + h d) z² + (h² k - h d - 2 m) z + m = 0 with m, d, k = x* (M, D, K) x, and
+    |z| ≤ 1 if h² k ≤ 4 m + 2 h d. So the step is stable if 4 M + 2 h D - h² K is positive.
     """
-    with np.errstate(all="ignore"):
-        squares = model.stiffness * np.diag(np.linalg.inv(M)) * timestep**2
-    worst = int(np.argmax(squares)) if squares.size else 0
-    if not squares.size or not squares[worst] > 4:
+    h, K = timestep, np.diag(model.stiffness)
+    if not model.stiffness.any():
         return None
-    rate = math.sqrt(squares[worst]) / timestep
+    try:
+        shares, modes = eigh(h * h * K, 4 * state.M + 2 * h * state.D)
+    except np.linalg.LinAlgError:  # damping so large that M is rounding beside it
+        return None
+    if not shares[-1] > 1:
+        return None
+    mode = modes[:, -1]
+    worst = int(np.argmax(model.stiffness * mode**2))
+    rate = math.sqrt(float((mode @ K @ mode) / (mode @ state.M @ mode)))
     return (
         f"joint {model.joint_names[worst]!r}: a stiffness of {model.stiffness[worst]:g} swings at "
         f"{rate:.2g} rad/s, too fast for plant steps of {timestep:g} s: other units than "
-        "N m/rad or N/m, or too little inertia?"
+        "N m/rad or N/m, too little inertia, or too little damping?"
+    )
+
+
+def below_floor(model: SoftModel, configurations: Iterable[np.ndarray]) -> str | None:
+    """One line about inertias that MuJoCo calls singular, if there are any.
+
+    MuJoCo factorizes M = Lᵀ Δ L from the tips to the root. It refuses a Δ_i below mjMINVAL: the
+    inertia about joint i of what it carries, with the joints beyond it free to yield.
+
+    Parameters
+    ----------
+    configurations : iterable of ndarray, (nq,)
+        Those examined.
+    """
+    tree, _ = underlying_tree(model)
+    least, name = math.inf, ""
+    for q in configurations:
+        q = model.expand(q) if isinstance(model, Projection) else q
+        M = tree.state(q, np.zeros(tree.nv)).M
+        try:
+            pivots = np.diag(np.linalg.cholesky(M[::-1, ::-1]))[::-1] ** 2
+        except np.linalg.LinAlgError:  # a follower without inertia, which its leader carries
+            continue
+        if pivots.min() < least:
+            least, name = float(pivots.min()), tree.joint_names[int(np.argmin(pivots))]
+    if least >= FLOOR:
+        return None
+    return (
+        f"joint {name!r}: its inertia of {least:.2g} (kg m² or kg) is below MuJoCo's floor of "
+        f"{FLOOR:g}: no simulation is possible, and `softdyn crosscheck` compares the terms alone; "
+        "an armature, or the same robot in larger units of length, is above it"
     )
 
 

@@ -20,7 +20,7 @@ from softdyn.dynamics.model import SoftModel, State, check_model
 from softdyn.dynamics.stops import Stops
 from softdyn.statics.branch import REACHED, Measure, descend, input_scale, tip_error
 from softdyn.statics.equilibria import balance, rest
-from softdyn.statics.equilibrium import Equilibrium, StaticsError, locked_inputs
+from softdyn.statics.equilibrium import Equilibrium, NoEquilibrium, StaticsError, locked_inputs
 from softdyn.statics.samples import balancing_input
 
 ITERATIONS = 40
@@ -252,7 +252,7 @@ def balance_at(problem: TargetProblem, q: np.ndarray, u: np.ndarray) -> Equilibr
         if np.linalg.norm(problem.measure(found.state)[0]) < REACHED:
             return found
     missed = float(np.abs(here.rows[: model.nv] * problem.force).max(initial=0.0))
-    raise StaticsError(f"no equilibrium of {model.name} at the target", missed)
+    raise NoEquilibrium(f"no equilibrium of {model.name} at the target", missed)
 
 
 def explore(

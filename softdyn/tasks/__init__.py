@@ -31,6 +31,8 @@ from softdyn.tasks.targets import (
     Target,
     Turns,
     Waypoints,
+    read_path,
+    read_paths,
     recorded_paths,
 )
 from softdyn.tasks.task import Task, TaskError, errors_along
@@ -39,5 +41,5 @@ __all__ = [
     "AxisTask", "FrameTask", "JointTask", "LinkKinematics", "LinkMotion", "OrientationTask",
     "PointTask", "PoseTask", "Poses", "References", "ShapeTask", "StackedReference", "StrainTask",
     "Target", "Task", "TaskError", "Turns", "Waypoints", "direction_tasks", "errors_along",
-    "recorded_paths", "tasks_of",
+    "read_path", "read_paths", "recorded_paths", "tasks_of",
 ]  # fmt: skip

@@ -87,7 +87,7 @@ class LinkKinematics:
     def __init__(self, model: SoftModel) -> None:
         self._model: Any = model
         self._tree, self.S = underlying_tree(model)
-        self._moves = moved_bodies(self._tree.pin_model)
+        self._moves = moved_bodies(self._tree.engine)
         self._places: dict[tuple[str, tuple[float, ...]], FramePlace] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -165,7 +165,7 @@ class LinkKinematics:
         names = [each.name for each in self._tree.robot.links]
         if link not in names:
             raise InputError("link", f"a link of {self._tree.name!r}", did_you_mean(link, names))
-        model: Any = self._tree.pin_model
+        model: Any = self._tree.engine
         frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
         body, placement = frame.parentJoint, frame.placement
         place = FramePlace(

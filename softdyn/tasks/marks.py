@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from softdyn.checks import did_you_mean, unit
+from softdyn.copies import keep_making
 from softdyn.description.stated_task import TaskKind
 from softdyn.description.task_mark import TaskMark
 from softdyn.exceptions import InputError, errors_in
 from softdyn.references import Reference, SetPoint
 from softdyn.tasks.frames import FrameTask
 from softdyn.tasks.rotations import log3
-from softdyn.tasks.targets import References, StackedReference, Target, exp3, recorded_paths
+from softdyn.tasks.targets import References, StackedReference, Target, exp3, read_paths
 from softdyn.tasks.task import Task
 
 
@@ -66,14 +67,14 @@ def numbers_at(mark: TaskMark, pose: np.ndarray) -> np.ndarray:
 
 
 def recorded_targets(path: str | Path, tasks: Sequence[Task]) -> References:
-    """`recorded_paths` for given tasks: each path is of a task, and of its kind.
+    """`read_paths` for given tasks: each path is of a task, and of its kind.
 
     Raises
     ------
     InputError
         It names the file, and the task. A task without a path must have an own target.
     """
-    file, paths = str(path), recorded_paths(path)
+    file, paths = str(path), read_paths(path)
     names = [task.name for task in tasks]
     for name in paths:
         if name not in names:
@@ -95,7 +96,9 @@ def recorded_targets(path: str | Path, tasks: Sequence[Task]) -> References:
     if first < 0:
         raise InputError(f"{file}: t", "times from 0 on", f"{first:g} s")
     with errors_in(file):
-        return References(paths)
+        found = References(paths)
+    keep_making(found, recorded_targets, (Path(path), tasks), {})
+    return found
 
 
 def _kind_of(target: Any) -> TaskKind:

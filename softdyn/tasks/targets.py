@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.checks import array, instance, length, number
-from softdyn.copies import Frozen
+from softdyn.checks import array, flag, instance, length, number
+from softdyn.copies import Frozen, KeepsMaking
 from softdyn.csv_table import CsvTable
 from softdyn.exceptions import InputError, errors_in
 from softdyn.references import Reference
@@ -20,6 +21,8 @@ from softdyn.tasks.rotations import log3
 
 ORTHONORMAL = 1e-6  # largest entry of RᵀR - I of a rotation
 POINT, TURN = ["x", "y", "z"], ["rx", "ry", "rz"]  # parts of columns
+CLOSES = 1e-6  # of the path's size, how far apart the ends of a period may be
+CLOSED = 5  # least number of waypoints in a period: the degree of the spline
 FULL_TURN = 2 * math.pi + 1e-6  # rad
 OPPOSITE = -1 + 1e-6  # cosine of two directions from which none of those between is unique
 LARGEST = 1e6  # m, rad; of a recorded number
@@ -130,7 +133,7 @@ class StackedReference(Reference):
             super().__init__(place.y[:3, 3], place.ydot[:3], place.yddot[:3])
 
 
-class References:
+class References(KeepsMaking):
     """References of several tasks: a callable t → `StackedReference`.
 
     Parameters
@@ -157,11 +160,12 @@ class References:
         return StackedReference({name: motion(t) for name, motion in self.motions.items()})
 
 
-class Waypoints(Frozen):
+class Waypoints(KeepsMaking, Frozen):
     """A path of points, directions or coordinates through waypoints: a spline of degree five.
 
     Rates and accelerations are continuous, and zero at both ends. Before the first and after the
-    last waypoint the path rests. With two waypoints it is the line of least jerk.
+    last waypoint the path rests. With two waypoints it is the line of least jerk. A periodic path
+    repeats for ever, with continuous rates and accelerations where it closes.
 
     Parameters
     ----------
@@ -172,14 +176,20 @@ class Waypoints(Frozen):
         gives a `Reference`.
     unit : bool
         Whether values are directions, which are made unit vectors all along the path.
+    periodic : bool
+        Whether the path closes: the last waypoint is the first one again, and there are at least
+        `CLOSED` others.
 
     Raises
     ------
     InputError
-        For other shapes, times that do not increase, or numbers that are not finite.
+        For other shapes, times that do not increase, numbers that are not finite, or a periodic
+        path that does not close.
     """
 
-    def __init__(self, times: Any, values: Any, *, unit: bool = False) -> None:
+    def __init__(
+        self, times: Any, values: Any, *, unit: bool = False, periodic: bool = False
+    ) -> None:
         # it loads scipy.optimize, which no control step needs
         from scipy.interpolate import make_interp_spline
 
@@ -189,13 +199,20 @@ class Waypoints(Frozen):
         self._directions = bool(unit)
         if unit:
             _check_directions(values)
-        ends = [(k, np.zeros(values.shape[1:])) for k in (1, 2)]
-        self._spline = make_interp_spline(self.times, values, k=5, bc_type=(ends, ends))
+        self.periodic = flag("periodic", periodic)
+        ends: Any = "periodic"
+        if periodic:
+            values = _closed(values)
+        else:
+            ends = ([(k, np.zeros(values.shape[1:])) for k in (1, 2)],) * 2
+        self._spline = make_interp_spline(self.times, values, k=5, bc_type=ends)
         self._rates = self._spline.derivative(), self._spline.derivative(2)
 
     def __call__(self, t: float) -> Target | Reference:
         """The target at time `t` (s)."""
         t = number("t", t)
+        if self.periodic:
+            t = self.times[0] + (t - self.times[0]) % (self.times[-1] - self.times[0])
         inside = self.times[0] <= t <= self.times[-1]
         at = min(max(t, self.times[0]), self.times[-1])
         y = self._spline(at)
@@ -203,6 +220,18 @@ class Waypoints(Frozen):
         if self._directions:
             return Target(*_on_sphere(y, ydot, yddot))
         return Reference(y, ydot, yddot) if y.shape == (3,) else Target(y, ydot, yddot)
+
+
+def _closed(values: np.ndarray) -> np.ndarray:
+    """The waypoints with a last one that is exactly the first."""
+    apart = float(np.abs(values[-1] - values[0]).max())
+    expected = "a last waypoint that is the first one again, as a periodic path closes"
+    if apart > CLOSES * float(np.ptp(values, axis=0).max()):
+        raise InputError("values", expected, f"{apart:.3g} between them")
+    if len(values) <= CLOSED:
+        got = f"{len(values) - 1} waypoints"
+        raise InputError("values", f"{CLOSED} waypoints or more in a period", got)
+    return np.concatenate((values[:-1], values[:1]))
 
 
 def _check_directions(values: np.ndarray) -> None:
@@ -228,7 +257,7 @@ def _on_sphere(
     return d, rate, second
 
 
-class Turns(Frozen):
+class Turns(KeepsMaking, Frozen):
     """Orientations through waypoints: from each to the next about a fixed axis (slerp).
 
     Along a turn the angle is the path of least jerk, so rates and accelerations are continuous, and
@@ -329,7 +358,7 @@ def _times(times: Any) -> np.ndarray:
     return found
 
 
-def recorded_paths(path: str | Path) -> dict[str, Waypoints | Turns | Poses]:
+def read_paths(path: str | Path) -> dict[str, Waypoints | Turns | Poses]:
     """Paths of tasks from a CSV file, for `References`; its columns are ``t`` and those of tasks.
 
     NAME.x, NAME.y and NAME.z are a point, NAME.rx, NAME.ry and NAME.rz a rotation vector (rad), all
@@ -350,6 +379,37 @@ def recorded_paths(path: str | Path) -> dict[str, Waypoints | Turns | Poses]:
     table = dict(zip(names, read.numbers(names).T, strict=True))
     with errors_in(file):
         return _paths(file, table.pop("t"), table)
+
+
+def read_path(path: str | Path, *, periodic: bool = False) -> Waypoints:
+    """A path of the tip from a CSV file with the columns ``t`` (s), ``x``, ``y``, ``z`` (m).
+
+    Its first row is at t = 0. Units may stand behind the names, as in ``x (m)``.
+
+    Parameters
+    ----------
+    path : str or Path
+    periodic : bool
+        Whether the path repeats; its last row then has the point of the first.
+
+    Raises
+    ------
+    InputError
+        It names the file, and the line of a cell that is no number: for a file that cannot be read,
+        other columns, fewer than two rows, times that do not increase from 0, and a periodic path
+        that does not close.
+    """
+    read = CsvTable(path)
+    read.once(["t", *POINT])
+    if len(read) < 2:
+        raise InputError(read.path, "two rows or more", f"{len(read)}")
+    times, values = np.split(read.numbers(["t", *POINT]), [1], axis=1)
+    with errors_in(read.path):
+        if times[0, 0] != 0:
+            raise InputError("t", "0 in the first row", f"{times[0, 0]:g} s")
+        if not np.abs(values).max() <= LARGEST:
+            raise InputError("numbers", f"within ±{LARGEST:g} m", f"{np.abs(values).max():g}")
+        return Waypoints(times[:, 0], values, periodic=periodic)
 
 
 def _paths(
@@ -382,3 +442,9 @@ def _path(parts: list[str], times: np.ndarray, values: np.ndarray) -> Waypoints 
         return Waypoints(times, values, unit=parts[0] == "dx")
     turns = Turns(times, [turned("rotation", turn) for turn in values[:, -3:]])
     return turns if parts == TURN else Poses(Waypoints(times, values[:, :3]), turns)
+
+
+def recorded_paths(path: str | Path) -> dict[str, Waypoints | Turns | Poses]:
+    """The former name of `read_paths`, for one version."""
+    warnings.warn("recorded_paths is now read_paths", DeprecationWarning, stacklevel=2)
+    return read_paths(path)

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from softdyn.checks import array, number, whole
-from softdyn.copies import Frozen
+from softdyn.copies import Frozen, KeepsMaking
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.exceptions import InputError
 from softdyn.references import Reference
@@ -41,7 +41,7 @@ class TaskError(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Task(Frozen, ABC):
+class Task(KeepsMaking, Frozen, ABC):
     """A quantity to be controlled: a subclass has one method, `evaluate`, and a `size`.
 
     Attributes

@@ -76,6 +76,29 @@ def scene_page(
 
 
 @dataclass(frozen=True, eq=False)
+class Series:
+    """Values along a track, which the page shows in a chart.
+
+    Attributes
+    ----------
+    titles : tuple of str
+        Name and unit of each column.
+    values : ndarray, (N, columns)
+        Numbers or texts of each frame of the track. Numbers that are not finite are gaps.
+    """
+
+    titles: tuple[str, ...]
+    values: np.ndarray
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The series as JSON."""
+        text = self.values.dtype.kind == "U"
+        values = self.values.ravel().tolist() if text else _packed(self.values)
+        return {"titles": self.titles, "text": text, "values": values}
+
+
+@dataclass(frozen=True, eq=False)
 class Track:
     """One robot's motion.
 
@@ -103,6 +126,8 @@ class Track:
         Whether it ended before its time.
     full : ndarray or None, (nu,)
         Input at which cables have the colour of full tension; by default its bound.
+    series : tuple of Series
+        Values at its frames besides those in `frames`, such as a controller's own channels.
     pulls : ndarray or None, (N, 6)
         Force (N) of a pull in each frame and the point (m) where it acts, NaN where there is none.
     """
@@ -120,6 +145,7 @@ class Track:
     failed: bool = False
     full: np.ndarray | None = None
     pulls: np.ndarray | None = None
+    series: tuple[Series, ...] = ()
 
     @property
     def data(self) -> dict[str, Any]:
@@ -127,6 +153,7 @@ class Track:
         return vars(self) | {
             "frames": _packed(self.frames),
             "pulls": None if self.pulls is None else _packed(self.pulls),
+            "series": [one.data for one in self.series],
             "tint": self.colour if self.tint else None,
             "path": None if self.path is None else np.round(self.path, 5).tolist(),
             "full": None if self.full is None else np.asarray(self.full).tolist(),

@@ -228,7 +228,7 @@ class Figure:
                 | {
                     "sites": [[links[link], *xyz.tolist()] for link, xyz in cable.sites],
                     "weights": cable.weights.tolist(),
-                    "wraps": [_wrap_data(wrap, links) for wrap in cable.wraps],
+                    "wraps": [wrap_data(wrap, links) for wrap in cable.wraps],
                 }
                 for cable in self.cables
             ],
@@ -369,7 +369,7 @@ def _slackness(
     return True, rest, tuple(terms)
 
 
-def _wrap_data(wrap: Wrap, links: dict[str, int]) -> dict[str, Any]:
+def wrap_data(wrap: Wrap, links: dict[str, int]) -> dict[str, Any]:
     """A round body as JSON, in a frame whose z is a cylinder's axis."""
     body, axes = body_of(wrap)
     return {

@@ -227,10 +227,18 @@ def test_an_option_with_a_use_says_nothing(tmp_path, recwarn):
 def test_obstacles_of_a_robot_without_shapes_are_refused(tmp_path):
     (tmp_path / "arm.urdf").write_text(preloaded.text())
     (tmp_path / "around.toml").write_text("[[sphere]]\ncentre = [1.0, 0, 0]\nradius = 0.1\n")
-    words = ("best", "--target", "0.02", "0", "-0.199", "--obstacles", "around.toml")
-    done = command("run", "arm.urdf", *words, "--duration", "0.01", cwd=tmp_path)
-    assert (done.code, done.out) == (2, "")
-    assert "expected a link of arm.urdf that moves, with a <collision> or <visual>" in done.err
+    (tmp_path / "gains.toml").write_text("Kp = 100.0\neps = 0.05\n")
+    target, around = ("--target", "0.02", "0", "-0.199"), ("--obstacles", "around.toml")
+    law = ("soft-id-clf-qp", "--gains", "gains.toml")
+    for words in (
+        ("run", "arm.urdf", "best", *target, "--duration", "0.01"),
+        ("run", "arm.urdf", *law, *target, "--duration", "0.01"),
+        ("play", "arm.urdf", *law, *target),
+        ("rollout", "arm.urdf", "--seconds", "0.01"),
+    ):
+        done = command(*words, *around, cwd=tmp_path)
+        assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
+        assert done.err.startswith("error: around.toml: links: expected a link of arm.urdf")
 
 
 def test_a_preload_can_be_exported(tmp_path):

@@ -119,6 +119,12 @@ def test_recorded_data(tmp_path):
     before, after = clean["residuals"][2], found["residuals"][2]
     assert after["mean"] > 5 * after["error"] + abs(before["mean"])
     assert found["counts"]["skipped"] > 10
+    assert after["bias"]
+    assert not before["bias"]
+    (line,) = (
+        x for x in command("observe", file, "--data", data).out.splitlines() if "camera.x" in x
+    )
+    assert "bias?" in line
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from tests.support import PATIENCE, ROOT, SCRIPTS
 from tests.support.command import command, of_itself
 
 KEYS = {
+    "record",
     "robot", "controller", "kind", "final_error_cm", "mse_cm2", "failed", "reason", "steps",
     "step_us", "not_solved", "fallbacks", "max_bound_violation", "verdict", "reached",
     "tolerance_cm", "steady_error_cm", "settling_time_s", "overshoot", "input_activity",
@@ -297,7 +298,10 @@ def test_the_period_and_contacts_reach_the_run(call):
             "expected a controller, got KeyError in line 23: 'nothing'",
         ),
         (["finger", "arm.urdf:Push", "--theta", "0"], "controller: expected"),
-        (["finger", "own.py:Push"], "arguments --theta --omega --target --targets is required"),
+        (
+            ["finger", "own.py:Push"],
+            "--targets --trajectory is required",
+        ),
         (["finger", "own.py:Push", "--theta", "0", "--omega", "1"], "not allowed with"),
         (["finger", "own.py:Push", "--theta", "x"], "expected a finite number, got 'x'"),
         (["finger", "own.py:Push", "--omega", "0"], "expected a number > 0, got '0'"),
@@ -318,7 +322,7 @@ def test_the_period_and_contacts_reach_the_run(call):
             ["finger", "own.py:Push", "--theta", "0", "--duration", "0.01", "--period", "0.02"],
             "period: expected at most the run's 0.01 s, got 0.02 s",
         ),
-        (["finger", "own.py:Push", "--theta", "0", "--duration", "-1"], "expected a number > 0"),
+        (["finger", "own.py:Push", "--theta", "0", "--duration", "-1"], "a finite number > 0"),
         (["finger", "own.py:Push", "--theta", "0", "--period", "nan"], "expected a finite number"),
         (["finger", "own.py:Push", "--theta", "0", "--gains", "none"], "none: expected a readable"),
         (["finger", "own.py:Push", "--theta", "0", "--gains", "own.py"], "expected a TOML file"),
@@ -676,7 +680,7 @@ def test_gains_are_proposed_and_a_run_that_misses_says_which_to_change(call, fol
     (folder / "proposed.toml").write_text(out)
     goal = ("--target", 0.12, 0, "-0.16", "--period", 0.004, "--duration", 1, "--gains")
     table = tomllib.loads(out)
-    assert set(table) == {field.name for field in fields(Gains)}
+    assert set(table) == {"format", *(field.name for field in fields(Gains))}
     code, _, err = call("arm.urdf", "soft-id-clf-qp", "--theta", 0)
     assert (code, "softdyn check" in err, "--gains > FILE" in err) == (2, True, True)
     (folder / "fast.toml").write_text("Kp = 90000\nw3 = 1e9\nrho = 1e-9\n")

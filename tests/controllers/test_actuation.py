@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import softdyn
+from softdyn.controllers.controller import KnownRig
 from softdyn.controllers.predictive.actuation import Actuation
 
 
@@ -50,3 +52,14 @@ def test_a_command_that_was_sent_instead_counts(delay: float, lag: float) -> Non
         one.send(asked)
         np.testing.assert_array_equal(one.send_instead(sent), two.send(sent))
         np.testing.assert_array_equal(one.acting, two.acting)
+
+
+def test_a_rig_gives_what_nobody_gave_and_the_file_the_rest() -> None:
+    model = softdyn.load("finger")  # its file has no delay and no lag
+    rig = KnownRig(lag=0.02, delay=0.01)
+    for given, wanted in (({}, (0.01, 0.02)), ({"lag": 0.05}, (0.01, 0.05)),
+                          ({"delay": 0.0}, (0.0, 0.02))):  # fmt: skip
+        path = Actuation.of(model, rig=rig, **given)
+        assert (path.delay, path.lag) == wanted
+    path = Actuation.of(model)
+    assert (path.delay, path.lag) == (0.0, 0.0)

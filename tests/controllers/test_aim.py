@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel, statics
 from softdyn.controllers import Compensated, Mpc, SoftIdClfQp, best
+from softdyn.controllers.controller import KnownRig
 from softdyn.controllers.predictive.aim import aim_of
 from softdyn.tasks import (
     AxisTask,
@@ -38,6 +41,22 @@ def test_the_tips_position_in_two_tasks_costs_as_much_as_in_one(goal: Reference)
         command, split = one(state, goal), other(state, both)
         np.testing.assert_allclose(split.u, command.u, atol=1e-7)
         np.testing.assert_allclose(split.V, command.V, rtol=1e-9, atol=1e-12)
+
+
+def test_a_weight_of_all_tasks_changes_no_input() -> None:
+    """Speeds and inputs count in units of what it costs to move the tasks' weighted errors."""
+    model, pose = robot("finger"), np.eye(4)
+    pose[:3, :3], pose[:3, 3] = exp3(np.array([0.0, 0.5, 0.0])), [0.13, 0.0, -0.13]
+    goal = References({"tip.pose": lambda t: Target(pose)})(0.0)
+    laws = [Mpc(model, tasks=[PoseTask("tip", weight=weight)]) for weight in (1.0, 4.0)]
+    for lag in (0.0, 0.02):  # a lag of the plant weighs anew
+        for law in laws:
+            law.reset(law.period, KnownRig(lag=lag))
+        for state, _ in drawn("finger", 4):
+            one, other = (law(state, goal) for law in laws)
+            assert np.abs(one.u).max() > 0
+            np.testing.assert_allclose(other.u, one.u, atol=1e-7)
+            np.testing.assert_allclose(other.V, 4 * one.V, rtol=1e-9, atol=1e-12)
 
 
 def test_the_tip_alone_is_the_controller_without_tasks() -> None:
@@ -104,7 +123,7 @@ def test_a_pair_out_of_reach_ends_at_the_nearest_rest() -> None:
     model = robot("finger")
     tasks = [PointTask("tip"), AxisTask("tip", [1, 0, 0], weight=0.01)]
     goal = References({"tip": SetPoint([0.13, 0, -0.13]), "tip.axis": Target([0, 0.6, 0.8])})
-    search = statics.inputs_for_tasks(model, tasks, goal(0.0))
+    search = statics.inputs_for_tasks(model, tasks, goal(0.0), seconds=math.inf)
     assert search.nearest_stable is not None
     nearest = search.errors(search.nearest_stable)
     assert nearest["tip.axis"] > 0.5
@@ -117,7 +136,7 @@ def test_what_it_refuses_is_one_line() -> None:
     model = robot("finger")
     levels = [PointTask("tip"), AxisTask("tip", [1, 0, 0], level=2)]
     for make in (Mpc, best):
-        with pytest.raises(InputError, match="uic and ic-qp, got levels 0, 2"):
+        with pytest.raises(InputError, match="keep several, got levels 0, 2"):
             make(model, tasks=levels)
         with pytest.raises(InputError, match="each with its own name"):
             make(model, tasks=[])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import replace
 
@@ -10,13 +11,14 @@ import pytest
 import quadprog
 from scipy.optimize import least_squares
 
-from softdyn import InputError, SetPoint, SoftModel, State
+from softdyn import InputError, SetPoint, SoftModel, State, statics
 from softdyn.controllers import SoftIdClfQp, Status
 from softdyn.controllers.barriers import (
     BarrierRows,
     HalfSpace,
     JointLimits,
     KeepOutSphere,
+    LoadedStop,
     UnsafeStart,
 )
 from softdyn.controllers.qps.horizon import Horizon
@@ -128,7 +130,7 @@ def test_units_are_millimetres_where_joints_slide_and_hundredths_of_a_radian_els
         at = np.zeros(model.nv)
         at[joint] = model.upper[joint] + beyond
         here = model.state(model.configuration(at), np.zeros(model.nv))
-        rows.at(here, *Horizon(model, TAU)(here))
+        rows.at(here)
         assert rows.violation == pytest.approx({0: 5.0, 2: 8.0}[joint])
 
 
@@ -163,7 +165,7 @@ def test_rows_are_the_barriers_over_the_hold(name: str) -> None:
     for state, _ in drawn(name)[:6:2]:
         barriers = some_barriers(model, state.y)
         M, h = Horizon(model, TAU)(state)
-        rows = BarrierRows(model, barriers, TAU).at(state, M, h)
+        rows = BarrierRows(model, barriers, TAU).at(state)
         u = rng.uniform(model.u_min, model.u_max)
         qdd = np.linalg.solve(M, state.B @ u - h)
         wanted = []
@@ -199,7 +201,7 @@ def test_inputs_are_those_of_the_textbook_form_with_the_rows(name: str) -> None:
         command = controller(state, reference)
         assert command.status is Status.OK
         M, h = Horizon(model, TAU)(state)
-        rows = BarrierRows(model, barriers, TAU).at(state, M, h)
+        rows = BarrierRows(model, barriers, TAU).at(state)
         if controller.barrier_rows.relaxed:
             continue
         upper = rows.upper + ROOM * rows.unit
@@ -232,6 +234,26 @@ def test_rows_that_cannot_all_be_met_give_way_and_say_so() -> None:
     assert report.violation == pytest.approx(50.0)
 
 
+def test_a_limit_whose_stop_carries_load_is_named_once() -> None:
+    """On the hanging helix gravity presses sliding joints on their stops, by statics too."""
+    model = robot("helix")
+    held = statics.rest(model).held
+    law, goal = SoftIdClfQp(model, barriers=[JointLimits(model)]), setup_of(model).set_point(0.5)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        simulate(model, law, goal, duration=0.06, period=0.0075)
+    loads = [str(one.message) for one in said if one.category is LoadedStop]
+    assert len(loads) == 1
+    named = {name for name in model.joint_names if re.search(rf"\b{name}\b", loads[0])}
+    assert named
+    assert named <= {model.joint_names[j] for j in np.flatnonzero(held)}
+    finger = robot("finger")  # hangs on no stop
+    law = SoftIdClfQp(finger, barriers=[JointLimits(finger)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", LoadedStop)
+        simulate(finger, law, setup_of(finger).set_point(0.5), duration=0.2, period=0.005)
+
+
 def test_rows_give_way_on_the_helix_whatever_the_state() -> None:
     """Earlier, 11 of 90 such states were not solved: sets thinner than the tolerance."""
     model, rng = robot("helix"), np.random.default_rng(2)
@@ -248,7 +270,7 @@ def test_rows_give_way_on_the_helix_whatever_the_state() -> None:
         assert ((model.u_min <= command.u) & (command.u <= model.u_max)).all()
         assert report.relaxed == count
         # the least squares of the excess, by SciPy, in u / span
-        matrix, upper, unit = rows.at(state, *Horizon(model, TAU)(state))
+        matrix, upper, unit = rows.at(state)
         scaled, bound = matrix / unit[:, None], upper / unit
 
         def excess(u: np.ndarray, scaled=scaled, bound=bound) -> np.ndarray:

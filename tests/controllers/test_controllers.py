@@ -27,7 +27,6 @@ from softdyn.controllers import (
     Status,
 )
 from softdyn.controllers.controller import GuardedController
-from softdyn.controllers.gains import PUBLISHED
 from softdyn.controllers.schedule import tuned
 from softdyn.description import library as catalogue
 from tests.support.control_cases import BUNDLED, GAINS, MICRO, drawn, recorded, robot
@@ -203,7 +202,7 @@ def test_an_answer_depends_on_the_state_alone(name: str, which: str) -> None:
 @every_published
 @pytest.mark.parametrize("which", BUNDLED)
 def test_published_gains_are_the_default(name: str, which: str) -> None:
-    assert CONTROLLERS[name](robot(which)).gains == PUBLISHED[which][name]
+    assert CONTROLLERS[name](robot(which)).gains == CONTROLLERS[name].published[which]
     assert CONTROLLERS[name](robot(which), GAINS).gains is GAINS
 
 

@@ -11,7 +11,7 @@ import pytest
 import softdyn
 from softdyn import InputError, SoftdynError
 from softdyn.controllers import CONTROLLERS, Gains, Mpc, SoftIdClfQp
-from softdyn.controllers.gains import PUBLISHED, from_table, resolve
+from softdyn.controllers.gains import from_table, resolve
 from softdyn.controllers.staged import best
 from tests.support import ROOT
 from tests.support.control_cases import BUNDLED, GAINS, robot
@@ -40,19 +40,23 @@ POSITIVE = ("Kp", "eps", "rho")
 
 @pytest.mark.parametrize("row", TABLE)
 def test_published(row: tuple[str, str]) -> None:
-    gains = PUBLISHED[row[0]][row[1]]
+    gains = CONTROLLERS[row[1]].published[row[0]]
     values = (gains.Kp, gains.eps, gains.w1, gains.w2, gains.w3, gains.w4, gains.rho)
     for value, expected in zip(values, TABLE[row], strict=True):
         assert expected is None or value == expected
 
 
 def test_every_bundled_robot_has_gains_for_every_controller() -> None:
-    assert set(PUBLISHED) == set(BUNDLED)
-    for table in PUBLISHED.values():
-        assert set(table) == set(CONTROLLERS)
-        for gains in table.values():
+    for name in {name for _, name in TABLE} | {"id-clf-qp"}:
+        law = CONTROLLERS[name]
+        assert set(law.published) == set(BUNDLED)
+        for gains in law.published.values():
             assert gains.null_damping == 50
             assert gains.rho == 1000
+
+
+def test_the_hard_id_clf_qp_has_the_gains_of_the_soft_one() -> None:
+    assert CONTROLLERS["id-clf-qp"].published == SoftIdClfQp.published
 
 
 def test_damping_is_critical() -> None:
@@ -94,13 +98,14 @@ def test_frozen() -> None:
 
 def test_resolve() -> None:
     bundled, micro = robot("finger"), robot("planar")
-    assert resolve(bundled, "ic", None) is PUBLISHED["finger"]["ic"]
-    assert resolve(bundled, "ic", GAINS) is GAINS
-    assert resolve(micro, "ic", GAINS) is GAINS
+    published = CONTROLLERS["ic"].published
+    assert resolve(bundled, published, None) is published["finger"]
+    assert resolve(bundled, published, GAINS) is GAINS
+    assert resolve(micro, published, GAINS) is GAINS
     with pytest.raises(InputError, match=r"^This controller needs gains for .*: pass --gains"):
-        resolve(micro, "ic", None)
+        resolve(micro, published, None)
     with pytest.raises(InputError, match="gains"):
-        resolve(bundled, "no such controller", None)
+        resolve(bundled, {}, None)
 
 
 @pytest.mark.parametrize(
@@ -113,7 +118,7 @@ def test_resolve() -> None:
 )
 def test_a_name_that_is_no_gain_is_told_the_nearest(key: str, said: str) -> None:
     with pytest.raises(InputError, match=rf"{key}: expected one of Kp, .*, horizon, got {said}$"):
-        from_table(robot("finger"), "ic", {key: 1.0}, ("horizon",))
+        from_table(robot("finger"), {}, {key: 1.0}, ("horizon",))
 
 
 def test_what_a_robot_without_gains_or_inputs_is_told(tmp_path):

@@ -199,3 +199,19 @@ def test_a_coasting_robot_moves_under_the_input_that_acts(slide) -> None:
     assert q[0] == pytest.approx(0.3 / cart.STIFFNESS, abs=0.1 * 0.05)
     assert a == start[2]
     assert abs(v[0]) < 0.01
+
+
+def test_a_step_beyond_a_stop_is_that_of_a_stiff_spring(slide) -> None:
+    q, v, force, T = np.array([9.02]), np.array([3.0]), np.array([0.4]), planning.STEP
+    problem = _pose(slide, (q, v, force), TARGET, GOAL, 0.0)
+    found = planning._step(problem, q, v, force, v)
+    assert found is not None
+    stop = 1e4 * cart.MASS / T**2
+    matrix = cart.MASS + T * cart.DAMPING + T**2 * (cart.STIFFNESS + stop)
+    right = cart.MASS * v - T * (cart.STIFFNESS * q + stop * (q - slide.upper) - force)
+    state, A, B = found
+    np.testing.assert_allclose(state.v, right / matrix, rtol=1e-6)
+    by = np.array([-T * (cart.STIFFNESS + stop), cart.MASS]) / matrix
+    np.testing.assert_allclose(A[1, :2], by, rtol=1e-9)
+    np.testing.assert_allclose(B[1], T / matrix, rtol=1e-9)
+    np.testing.assert_allclose(A[0, :2], [1 + T * by[0], T * by[1]], rtol=1e-6, atol=1e-9)

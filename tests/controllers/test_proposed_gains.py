@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import eigvalsh
 
 import softdyn
 from softdyn import InputError, SetPoint, SoftModel, design, statics
 from softdyn.controllers import Gains, SoftIdClfQp
-from softdyn.controllers.proposed_gains import SAMPLED, _Place, advice, propose
+from softdyn.controllers.proposed_gains import SAMPLED, SINGULAR, _Place, advice, propose
+from softdyn.controllers.safety_filter import with_barriers
+from softdyn.safety import KeepOutSphere, Surroundings
 from softdyn.validation import simulate
 from tests.support.arms import RUBBER, loaded
+from tests.support.turret import TURRET
 
 PERIOD = 0.004
 PLANE = ("bend_y",)
@@ -65,19 +71,22 @@ def bent(model: SoftModel) -> statics.Equilibrium:
     return statics.settle(model, np.linspace(0.1, 0.4, model.nu) * model.u_max)
 
 
-def test_the_linearised_controller_is_the_controller_s_own(model: SoftModel) -> None:
+@pytest.mark.parametrize("horizon", [0.0, 0.03])
+def test_the_linearised_controller_is_the_controller_s_own(
+    model: SoftModel, horizon: float
+) -> None:
     """Differences of its inputs, between bounds so wide that none acts."""
     one = bent(model)
     wide = [replace(a, lower=-1e6, upper=1e6) for a in model.robot.actuators]
     free = softdyn.build(replace(model.robot, actuators=tuple(wide)))
     small = 0.01 / model.u_max.max() ** 2  # the terms that are left out grow with w3 u
     gains = Gains(Kp=60, eps=0.1, w2=1e-3, w3=small, w4=5e-4, null_damping=12)
-    controller, n, step = SoftIdClfQp(free, gains), model.nv, 1e-5
+    controller, n, step = SoftIdClfQp(free, gains, horizon=horizon), model.nv, 1e-5
 
     def u(x: np.ndarray) -> np.ndarray:
         return np.array(controller(free.state(one.q + x[:n], x[n:]), SetPoint(one.y)).u)
 
-    G, c = _Place.of(one, PERIOD).feedback(gains)
+    G, c = _Place.of(one, PERIOD).over(horizon).feedback(gains)
     np.testing.assert_allclose(u(np.zeros(2 * n)), one.u + c, rtol=0, atol=1e-8 * one.u.max())
     rng = np.random.default_rng(1)
     for x in rng.normal(size=(4, 2 * n)):
@@ -95,6 +104,49 @@ def test_an_own_arm_reaches_its_targets_with_proposed_gains(model: SoftModel) ->
         log = simulate(model, controller, SetPoint(one.y), duration=duration, period=PERIOD)
         assert np.linalg.norm(log.error[-1]) < 0.01 * min(1.0, model.robot.length)
     assert len(targets) == 4
+
+
+def test_a_run_among_far_obstacles_is_the_one_that_the_gains_are_for(model: SoftModel) -> None:
+    """Equal to the bit: an obstacle switches no horizon on."""
+    gains, goal = propose(model, PERIOD).gains, SetPoint(bent(model).y)
+    ball = KeepOutSphere([9.0, 9.0, 9.0], 0.1, links="all", contact=False)
+    runs = []
+    for around in (None, Surroundings([ball])):
+        law = with_barriers(SoftIdClfQp, around)(model, gains)
+        assert law.horizon == 0
+        runs.append(simulate(model, law, goal, duration=0.2, period=PERIOD))
+    np.testing.assert_array_equal(runs[0].u, runs[1].u)
+
+
+def test_the_room_is_what_bounds_leave_of_the_input_that_holds(model: SoftModel) -> None:
+    """The corner of the bounds that moves the tip most, in each direction and its opposite."""
+    one = bent(model)
+    corners = np.array(list(product(*zip(model.u_min, model.u_max, strict=True))))
+    moves = one.state.J @ np.linalg.solve(one.state.M, one.state.B)
+    values, directions = np.linalg.eigh(moves @ moves.T)
+    along = directions[:, values > SINGULAR**2 * values[-1]].T @ moves @ (corners - one.u).T
+    expected = min(along.max(axis=1).min(), (-along).max(axis=1).min())
+    found = _Place.of(one, PERIOD).room(model.u_min, model.u_max)
+    assert found == pytest.approx(expected, rel=1e-9)
+    assert np.abs(one.u).min() > 0
+
+
+def test_the_advice_names_a_horizon_that_is_at_fault(tmp_path: Path) -> None:
+    """Eight cables, four of them to the end: more than the tip has directions."""
+    sections = arm("many", 0.14, 0.3e6, 15.0)
+    cables = tuple(
+        design.Cable(np.pi * (2 * k + end) / 4, 0.005, False, 15.0, 0, end, name=f"cable_{end}_{k}")
+        for end in (0, 1) for k in range(4)
+    )  # fmt: skip
+    model = loaded(replace(sections, cables=cables), tmp_path)
+    one, gains = bent(model), propose(model, PERIOD).gains
+    assert "horizon" not in advice(one, gains, PERIOD)
+    text = advice(one, gains, PERIOD, 0.02)
+    assert "horizon of 20 ms makes the loop unstable" in text
+    place = _Place.of(one, PERIOD)  # the same motion under the feedback over that horizon
+    G, _ = place.over(0.02).feedback(gains)
+    growth = np.log(np.abs(np.linalg.eigvals(place.step + place.push @ G)).max()) / PERIOD
+    assert float(re.search(r"by (\S+) 1/s", text)[1]) == pytest.approx(growth, rel=0.06)
 
 
 def test_a_long_period_bounds_the_gains(planar: SoftModel) -> None:
@@ -115,3 +167,21 @@ def test_a_robot_without_inputs_is_refused(tmp_path: Path) -> None:
     bare = loaded(replace(ARMS["in a plane"], cables=()), tmp_path)
     with pytest.raises(InputError, match="<actuator>"):
         propose(bare)
+
+
+def test_a_direction_without_stiffness_has_no_frequency(tmp_path: Path) -> None:
+    """A turret's slowest mode is that of its arm in the plane, which the turn does not enter."""
+    (tmp_path / "turret.urdf").write_text(TURRET)
+    model = softdyn.load(tmp_path / "turret.urdf")
+    found = propose(model, PERIOD)
+    assert found.decay > 0
+    one = statics.rest(model)
+    K, M = one.stiffness[1:, 1:], one.state.M[1:, 1:]
+    alone = np.sqrt(eigvalsh(K, M)[0])
+    assert _Place.of(one, PERIOD).frequency == pytest.approx(alone)
+    assert 0.5 * alone < found.slowest <= alone
+    target = statics.spread_rests(model, 1, seed=3)[0].y
+    log = simulate(
+        model, SoftIdClfQp(model, found.gains), SetPoint(target), duration=3.0, period=PERIOD
+    )
+    assert np.linalg.norm(log.error[-1]) < 0.01 * model.robot.length

@@ -96,8 +96,8 @@ def test_a_controller_without_an_estimate_of_disturbances_tracks_with_known_fric
 def test_friction_is_the_file_s_unless_it_is_given() -> None:
     assert best(rubbing("finger"))._pulls.rubs
     assert not best(rubbing("finger"), friction=0.0)._pulls.rubs
-    assert isinstance(best(softdyn.load("spirob")), Staged)
-    rubs = best(softdyn.load("spirob"), friction=0.1)
+    assert isinstance(best(softdyn.load("spirob")).inner, Staged)
+    rubs = best(softdyn.load("spirob"), friction=0.1).inner
     assert isinstance(rubs, Compensated)
     assert isinstance(rubs.inner, Staged)
     assert isinstance(best(softdyn.load("spirob"), friction=0.1, lag=0.02), Mpc)

@@ -9,13 +9,14 @@ import pytest
 
 from softdyn import InputError
 from softdyn.controllers import Gains, Mpc, SoftIdClfQp
-from softdyn.controllers.gains import PUBLISHED
 from softdyn.controllers.registry import (
+    CONTROLLERS,
     find_controller,
     is_own,
     make_controller,
     one_line_errors,
 )
+from softdyn.tasks import PointTask
 from tests.support.control_cases import robot
 
 OWN = """
@@ -49,16 +50,26 @@ def own(tmp_path: Path) -> str:
 
 
 def test_with_and_without_parameters(own: str) -> None:
-    model, published = robot("finger"), PUBLISHED["finger"]["ic"]
+    model, published = robot("finger"), CONTROLLERS["ic"].published["finger"]
     assert isinstance(make_controller("soft-id-clf-qp", model), SoftIdClfQp)
     assert make_controller("ic", model, {"Kp": 70.0}).gains == replace(published, Kp=70.0)
     law = make_controller("soft-id-clf-qp", model, {"horizon": 0.02, "u_ref": [0.1, -0.2]})
-    assert law.gains == PUBLISHED["finger"]["soft-id-clf-qp"]
+    assert law.gains == CONTROLLERS["soft-id-clf-qp"].published["finger"]
     assert (law.horizon, [*law.u_ref]) == (0.02, [0.1, -0.2])
     assert make_controller("ic", model, Gains(80.0)).gains == Gains(80.0)
     assert isinstance(make_controller("mpc", model), Mpc)
     assert make_controller(f"{own}:Table", model, {"any": 1}).table == {"any": 1}
     assert make_controller(f"{own}:Table", model).table is None
+
+
+def test_the_file_of_the_gains_is_not_blamed_for_the_tasks() -> None:
+    model, tip = robot("finger"), PointTask("tip")
+    with pytest.raises(InputError) as refused:
+        make_controller("ic", model, {"Kp": 70.0}, source="gains.toml", tasks=(tip, tip))
+    assert refused.value.name == "tasks"
+    with pytest.raises(InputError) as refused:
+        make_controller("ic", model, {"Kp": -70.0}, source="gains.toml", tasks=None)
+    assert refused.value.name == "gains.toml: gains.Kp"
 
 
 @pytest.mark.parametrize(

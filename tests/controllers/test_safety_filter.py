@@ -13,7 +13,7 @@ from softdyn.safety import HalfSpace, Surroundings
 from softdyn.validation import simulate
 
 GOAL = SetPoint([0.127, 0, -0.127])
-FLOOR = Surroundings([HalfSpace([0, 0, 1], -0.1, links="all", name="floor")])
+FLOOR = Surroundings([HalfSpace([0, 0, 1], -0.1, links="all", name="floor", contact=False)])
 
 
 class Push:

@@ -95,7 +95,7 @@ def test_the_tuned_schedule() -> None:
     schedule = tuned(robot(name))
     assert schedule is not None
     law = find_controller("best")(robot(name))
-    assert isinstance(law, Staged)
+    assert isinstance(law.inner, Staged)
     assert law.gains == schedule
     for stage in (schedule.approach, schedule.stay):  # the bound of docs/hold.md
         assert stage.horizon > 0
@@ -151,7 +151,7 @@ def test_the_finger_gets_there_at_any_period(period: float) -> None:
 def test_best_knows_its_actuators() -> None:
     """A tuned schedule is for actuators that act at once; lag and delay need prediction."""
     model = robot("spirob")
-    assert isinstance(best(model), Staged)
+    assert isinstance(best(model).inner, Staged)
     law = best(model, lag=0.02, delay=0.005)
     assert isinstance(law, Mpc)
     assert (law.actuation.lag, law.actuation.delay) == (0.02, 0.005)

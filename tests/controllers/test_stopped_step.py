@@ -76,7 +76,7 @@ def test_rows_hold_for_the_motion_that_the_input_leads_to() -> None:
         problem = QpProblem(np.eye(2), -wanted, np.eye(2), model.u_min, model.u_max)
         given = QpSolution(wanted, np.zeros(2), 0.0, 0.0, 0.0)
         M, h = Horizon(model, TAU)(state)
-        u = rows.enforce(problem, given, state, M, h).x
+        u = rows.enforce(problem, given, state).x
         if rows.relaxed or rows.braked:
             continue
         b, G, drift, _ = wall(state)
@@ -108,7 +108,7 @@ def test_limits_of_joints_do_not_count_on_the_stops_that_they_avoid() -> None:
         rows.reset(TAU)
         with pytest.warns(UnsafeStart) if v[joint] * side > 10 * gap else nullcontext():
             u = law(state, SetPoint(state.y)).u
-            free = rows.at(state, *Horizon(model, horizon)(state))
+            free = rows.at(state)
         assert law.barrier_rows.relaxed == 0
         assert free.excess(u).max() < 2 * ROOM
     assert passing > 10

@@ -94,7 +94,7 @@ def test_without_the_package_there_are_no_examples(monkeypatch) -> None:
 
     monkeypatch.setattr(catalogue, "distribution", absent)
     assert example_robots() == {}
-    with pytest.raises(InputError, match="finger, helix, spirob, spirob48"):
+    with pytest.raises(InputError, match=r"finger, helix, spirob, spirob48.*pip install"):
         find("ur5_robot")
 
 

@@ -72,7 +72,7 @@ def test_slack_and_every_field_of_a_sensor_are_in_the_digest() -> None:
         "name": "other", "kind": SensorKind.GYRO, "tendon": "cable", "link": "base",
         "joint": "bend", "xyz": (0.0, 0.0, 1.0), "rpy": (0.0, 0.0, 1.0), "noise": (1.0,),
         "bias": (1.0,), "rate": 1.0, "latency": 1.0, "resolution": (1.0,),
-        "lower": (-1.0,), "upper": (1.0,),
+        "lower": (-1.0,), "upper": (1.0,), "to": "base",
     }  # fmt: skip
     assert set(change) == {field.name for field in fields(Sensor)}
     robots = [
@@ -98,7 +98,7 @@ def test_a_sensor_s_frame_and_sizes() -> None:
     sizes = {kind.value: kind.size for kind in SensorKind}
     assert sizes == {
         "length": 1, "tension": 1, "position": 3, "pose": 6, "gyro": 3, "accelerometer": 3,
-        "joint": 1,
+        "joint": 1, "bend": 1,
     }  # fmt: skip
     sensor = Sensor("s", SensorKind.GYRO, link="pad", xyz=(1.0, 2.0, 3.0), rpy=(0, 0, np.pi / 2))
     np.testing.assert_array_equal(sensor.origin.translation, [1, 2, 3])

@@ -140,15 +140,12 @@ def actuators(draw: st.DrawFn, name: str) -> Actuator:
 @st.composite
 def sensors(draw: st.DrawFn, name: str) -> Sensor:
     kind = draw(st.sampled_from(SensorKind))
-    place: dict[str, object] = {"link": draw(st.sampled_from(["world", "pad"]))}
-    if kind in (SensorKind.LENGTH, SensorKind.TENSION):
-        place = {"tendon": draw(st.sampled_from(["cable", "flexor"]))}
-    elif kind is SensorKind.JOINT:
-        place = {"joint": draw(st.sampled_from(["bend", "slide"]))}
-    else:
-        place["xyz"] = draw(st.tuples(NUMBER, NUMBER, NUMBER))
-        if kind is not SensorKind.POSITION:
-            place["rpy"] = draw(st.tuples(NUMBER, NUMBER, NUMBER))
+    values = {
+        "tendon": st.sampled_from(["cable", "flexor"]), "joint": st.sampled_from(["bend", "slide"]),
+        "link": st.sampled_from(["world", "pad"]), "to": st.just("base"),
+        "xyz": st.tuples(NUMBER, NUMBER, NUMBER), "rpy": st.tuples(NUMBER, NUMBER, NUMBER),
+    }  # fmt: skip
+    place = {name: draw(values[name]) for name in kind.form.place}
 
     def components(value: st.SearchStrategy[float]) -> tuple[float, ...]:
         size = draw(st.sampled_from([1, kind.size]))
@@ -190,7 +187,7 @@ def test_what_is_written_is_read_back_as_an_equal_robot(robot: Robot) -> None:
 def test_every_kind_of_sensor_is_read(kind: SensorKind) -> None:
     place = {
         SensorKind.LENGTH: 'tendon="cable"', SensorKind.TENSION: 'tendon="cable"',
-        SensorKind.JOINT: 'joint="twist"',
+        SensorKind.JOINT: 'joint="twist"', SensorKind.BEND: 'link="base" to="pad"',
     }.get(kind, 'link="pad"')  # fmt: skip
     text = ARM.replace("<task", f'<sensor name="s" type="{kind.value}" {place}/><task')
     (sensor,) = parse_text(text, path=Path("arm.urdf")).sensors

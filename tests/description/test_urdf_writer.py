@@ -267,7 +267,7 @@ def changes(robot: Robot, x: float) -> dict[str, Robot]:
         robot.joints[2], robot.links[4], robot.tendons[0], robot.actuators[0]
     )  # fmt: skip
     cable = robot.tendons[1]
-    y = min(x, 1e3)  # no axis is as long, and no body as large, as other numbers may be
+    y = min(x, 1e3)  # no axis, body or multiplier is as large as other numbers may be
 
     def within(name: str, old: Any, **change: Any) -> Robot:
         parts = tuple(replace(old, **change) if p is old else p for p in getattr(robot, name))
@@ -276,7 +276,7 @@ def changes(robot: Robot, x: float) -> dict[str, Robot]:
     fields_of_joint = {
         "lower": -x, "upper": x, "effort": x, "velocity": x, "stiffness": x, "rest": -x,
         "damping": x, "armature": x, "friction": x, "origin": Origin((x, -x, 0.0)),
-        "direction": (1.0, y, -y), "mimic": Mimic("bend", x, -x),
+        "direction": (1.0, y, -y), "mimic": Mimic("bend", y, -y),
     }  # fmt: skip
     sites = (cable.sites[0], replace(cable.sites[1], xyz=(x, -x, 0.0)), cable.sites[2])
     found = {name: within("joints", joint, **{name: new}) for name, new in fields_of_joint.items()}

@@ -20,6 +20,9 @@ from softdyn.description.visuals import (
     triangles,
     visuals,
 )
+from softdyn.exceptions import UrdfError
+from tests.support.command import command
+from tests.support.turret import TURRET
 
 INERTIAL = (
     '<inertial><mass value="1"/>'
@@ -209,3 +212,60 @@ def test_meshes_lie_where_pinocchio_s_reader_puts_them(name):
         # thinning may cut a corner by a part of a cell
         np.testing.assert_allclose(a.min(axis=0), b.min(axis=0), atol=0.01 * size)
         np.testing.assert_allclose(a.max(axis=0), b.max(axis=0), atol=0.01 * size)
+
+
+@pytest.mark.parametrize("kind", ["visual", "collision"])
+@pytest.mark.parametrize(
+    ("shape", "element"),
+    [
+        ('<geometry><sphere radius="-1"/></geometry>', "<sphere>"),
+        ('<geometry><box size="1 1"/></geometry>', "<box>"),
+        ('<geometry><cylinder radius="1" length="wide"/></geometry>', "<cylinder>"),
+        ('<geometry><capsule radius="1"/></geometry>', "<capsule>"),
+        ('<geometry><mesh filename="none.stl" scale="1 1 nan"/></geometry>', "<mesh>"),
+        ("<geometry><mesh/></geometry>", "<mesh>"),
+        ('<origin xyz="0 0"/><geometry><sphere radius="1"/></geometry>', "<origin>"),
+        ('<geometry><sphere radius="1"/></geometry><material name="red"><color rgba="1 0 0"/>'
+         "</material>", "<color>"),
+    ],
+)  # fmt: skip
+def test_a_fault_in_a_shape_is_told_where_the_file_is_loaded(tmp_path, kind, shape, element):
+    with pytest.raises(UrdfError) as caught:
+        robot(tmp_path, f"<{kind}>{shape}</{kind}>")
+    assert f"<{kind}>" in str(caught.value)
+    assert element in str(caught.value)
+
+
+def test_a_run_with_a_page_that_cannot_be_drawn_writes_no_log(tmp_path):
+    """The fault shows before the run, and not after it."""
+    ball = '<visual><geometry><sphere radius="1"/></geometry><material name="r"><color rgba="1"/>'
+    base = f'<link name="base">{ball}</material></visual></link>'
+    path = tmp_path / "red.urdf"
+    path.write_text(TURRET.replace('<link name="base"/>', base))
+    log, page = tmp_path / "log.npz", tmp_path / "page.html"
+    done = command("rollout", path, "--seconds", "0.01", "--log", log, "--html", page)
+    assert done.code == 2
+    assert "expected four numbers as rgba" in done.err
+    assert not log.exists()
+    assert not page.exists()
+
+
+def test_how_to_write_a_mesh_is_told_and_does_not_contradict_itself(tmp_path):
+    """An absolute path to a file in the robot's folder: what to write instead of it."""
+    (tmp_path / "meshes").mkdir()
+    mesh = tmp_path / "meshes" / "tet.stl"
+    trimesh.creation.box().export(mesh)
+    urdf = tmp_path / "r.urdf"
+    for reference in (str(mesh), f"file://{mesh}"):
+        with pytest.raises(MeshError) as caught:
+            locate(urdf, reference)
+        assert "inside" not in str(caught.value)
+        assert "package:// or a path relative to" in str(caught.value)
+        assert str(caught.value).endswith(f"got {reference!r}: write 'meshes/tet.stl'")
+    assert locate(urdf, "meshes/tet.stl") == mesh
+    for reference in ("/etc/passwd", "file:///opt/build/tet.stl", "model://arm/tet.stl"):
+        with pytest.raises(MeshError) as caught:
+            locate(urdf, reference)
+        assert str(caught.value).endswith(f"got {reference!r}")
+    with pytest.raises(MeshError, match="inside"):
+        locate(urdf, f"../{tmp_path.name}/../tet.stl")

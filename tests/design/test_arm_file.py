@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -159,6 +160,29 @@ def test_damping_by_ratio_and_by_viscosity():
     rod = design.Section(0.2, 0.01, RUBBER, 5, bending_stiffness=measured)
     springs = design.lay_out(design.Arm((rod,), design.Damping(viscosity=1000.0))).all_springs
     assert [s.damping / s.stiffness for s in springs] == pytest.approx([1000 / 1e6] * 10)
+
+
+@pytest.mark.parametrize("own", [{}, {"axial_stiffness": 70.0, "shear_stiffness": 20.0}])
+def test_a_measured_bending_stiffness_leaves_axial_and_shear_stiffness(own):
+    """EA = E π r², κ GA by Cowper's 6 (1 + ν) / (7 + 6 ν); each over its spring's length."""
+    freedoms = ("bend_y", "extension", "shear_y")
+    rod = design.Section(0.2, 0.01, RUBBER, 4, freedoms, bending_stiffness=2e-4, name="rod", **own)
+    arm = design.Arm((rod,))
+    springs = design.lay_out(arm).all_springs
+    found = {s.name.rpartition("_")[0]: s.stiffness * s.weight for s in springs}
+    axial, nu = own.get("axial_stiffness", 0.25e6 * math.pi * 0.01**2), 0.49
+    shear = own.get("shear_stiffness", 3 * axial / (7 + 6 * nu))
+    assert found["bend_y"] == pytest.approx(2e-4)
+    assert found["extension"] == pytest.approx(axial)
+    assert found["shear_y"] == pytest.approx(shear)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        design.urdf(arm)
+    words = [str(one.message) for one in said]
+    assert [word.split()[2] for word in words] == (
+        [] if own else ["axial_stiffness", "shear_stiffness"]
+    )
+    assert all("'rod'" in word for word in words)
 
 
 def test_a_profile_is_looked_at_all_along_and_cables_go_outwards():

@@ -10,9 +10,11 @@ import pinocchio as pin
 import pytest
 
 import softdyn
-from softdyn.dynamics import engine, kernels
+from softdyn.dynamics import engine, kernels, tendons, wrapped_paths
+from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.tendons import Segments
 from tests.proof.crosschecks.random_robots import write_robot
+from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support.control_cases import BUNDLED, MICRO, robot
 from tests.support.oracles import relative
 
@@ -82,9 +84,13 @@ def test_floating_bases(seed, tmp_path):
 def test_kernels_take_named_tuples_in_their_order():
     """Kernels take the fields one by one, which is cheaper than tuples; their names must agree."""
     named = (*engine.Memory._fields, *kernels.Constants._fields)
-    found = list(inspect.signature(kernels.state_terms.py_func).parameters)
-    assert found[:4] == ["joint_rows", "tip_and_lengths", "v", "coordinates"]
-    assert tuple(found[4:]) == (*named, *Segments._fields, "actuated", "gear")
+    for kernel, last in (
+        (kernels.state_terms, ()),
+        (kernels.segments_and_state, ("offset", "coefficients", *Segments._fields)),
+    ):
+        found = list(inspect.signature(kernel.py_func).parameters)
+        assert found[:4] == ["joint_rows", "tip_and_lengths", "v", "coordinates"]
+        assert tuple(found[4:]) == (*named, *last)
 
 
 def test_an_unknown_layout_is_copied(recwarn):
@@ -117,3 +123,36 @@ def test_a_model_on_copies_says_the_same(which, monkeypatch):
         np.testing.assert_array_equal(getattr(one, field), getattr(two, field))
     for name in ("tendon_lengths", "tendon_moment_arms", "tendon_hessians", "gravity"):
         assert relative(getattr(model, name)(q), getattr(copying, name)(q), 1e-300) < 1e-13
+
+
+@pytest.mark.parametrize("which", ["spirob", 5, 7])
+def test_the_loops_over_segments_against_numpy(which):
+    model = robot(which) if isinstance(which, str) else softdyn.build(wrapped_robot(which))
+    segments = model.tendons.segments
+    assert len(segments.bodies) > 0
+    q = model.integrate(model.q0, np.random.default_rng(0).normal(size=model.nv))
+    found = []
+    for fill in (tendons.moment_arms, tendons.arms_in_numpy):
+        arms, lengths = np.ones(model.tendons.coefficients.shape), np.ones(len(model.tendons.names))
+        fill(arms, lengths, *model.kinematics(q), *segments)
+        found.append((arms, lengths))
+    for one, other in zip(*found, strict=True):
+        assert relative(one, other) < 1e-13
+
+
+def test_courses_around_bodies_are_found_once_a_configuration(monkeypatch):
+    """The same geometry serves lengths, moment arms, their gradients and rates."""
+    model, calls = softdyn.build(wrapped_robot(7)), []
+    found = wrapped_paths.courses
+    monkeypatch.setattr(wrapped_paths, "courses", lambda *of: calls.append(of) or found(*of))
+    v, u = np.ones(model.nv), np.zeros(model.nu)
+    ways = (
+        lambda: model.state(model.q0, v),
+        lambda: model.forward_dynamics(model.q0, v, u),
+        lambda: model.tendon_hessians(model.q0),
+        lambda: ForceBalance(model)(model.q0, v, v, u),
+    )
+    for way in ways:
+        calls.clear()
+        way()
+        assert len(calls) == 1

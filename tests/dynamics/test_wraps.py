@@ -166,6 +166,42 @@ def test_derivatives_of_a_course(sphere, where):
     assert len(kinds) >= 3
 
 
+@pytest.mark.parametrize("angle", [1e-3, 3e-4])
+def test_the_hessian_of_sites_almost_on_one_line_with_a_sphere_s_centre(angle):
+    """By differences over a thousandth of the way to the line, where 1/angle makes it steep."""
+    a, b = np.array([-0.1, 0.0, 0.0]), 0.12 * np.array([math.cos(angle), math.sin(angle), 0.0])
+    body, step = round_body(sphere=True), 1e-4 * angle
+
+    def moved(h):
+        x = np.concatenate((a, b)) + h
+        return Course(body, x[:3], x[3:]).gradient.ravel()
+
+    differences = np.stack([
+        (8 * (moved(step * e) - moved(-step * e)) - moved(2 * step * e) + moved(-2 * step * e))
+        / (12 * step) for e in np.eye(6)
+    ], -1)  # fmt: skip
+    found = Course(body, a, b)
+    assert found.contact in (Contact.CLOCKWISE, Contact.COUNTER)
+    assert np.abs(differences).max() > 0.03 / angle / 0.1 / 0.12 / 2
+    assert relative(found.bends.hessian[0], differences) < 1e-6
+
+
+@pytest.mark.parametrize("sphere", [False, True])
+def test_a_cable_that_is_exactly_tangent_has_no_turn(sphere):
+    """Rounding on either side of lift-off is neither a turn of 2π nor a length of one."""
+    rng, touched = np.random.default_rng(4), 0
+    for _ in range(300):
+        angle, r, (before, behind) = rng.uniform(0, 2 * np.pi), 0.03, rng.uniform(0.01, 0.2, 2)
+        out = np.array([math.cos(angle), math.sin(angle), 0.0])
+        along = np.array([-out[1], out[0], 0.0])
+        a, b = r * out - before * along, r * out + behind * along
+        found = Course(round_body(r, sphere, 2 * r * out), a, b)
+        touched += found.contact is not Contact.FREE
+        assert abs(found.turn) < 1e-6
+        assert found.length == pytest.approx(before + behind, abs=1e-12)
+    assert touched > 20
+
+
 def test_a_site_on_the_surface_and_one_inside():
     on, far = np.array([0.03, 0.0, 0.0]), np.array([-0.1, 0.02, 0.0])
     for near in (on, on * (1 - 1e-12)):
@@ -182,8 +218,7 @@ def test_lift_off_and_landing_are_continuous():
     model = load_text(SLIDE.replace("-0.2", "-0.4").replace('"0.2"', '"0.4"'), path=PATH)
     qs = np.linspace(0.0, 0.35, 701)
     states = [model.state([q], [0.0]) for q in qs]
-    paths = model.tendons.wraps
-    contacts = [paths.at(*model.kinematics(s.q)[1:]).courses.contact[0] for s in states]
+    contacts = [model.tendon_geometry(s.q).around.courses.contact[0] for s in states]
     assert {contacts[0], contacts[-1]} == {Contact.COUNTER, Contact.FREE}
     arms = np.array([s.moment_arms[0, 0] for s in states])
     slopes = [model.tendon_hessians(s.q)[0, 0, 0] for s in states]
@@ -237,7 +272,7 @@ def test_a_body_that_nothing_touches_changes_nothing(model):
         replace(robot, tendons=tuple(replace(t, wraps=()) for t in robot.tendons))
     )
     paths = model.tendons.wraps
-    contacts = paths.at(*model.kinematics(q)[1:]).courses.contact
+    contacts = model.tendon_geometry(q).around.courses.contact
     touched = set(paths.tendon[contacts != Contact.FREE].tolist())
     free = [t for t in range(len(robot.tendons)) if t not in touched]
     still = np.zeros(model.nv)

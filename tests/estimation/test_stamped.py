@@ -50,3 +50,23 @@ def camera_error(run, late, stamped):
 @pytest.mark.parametrize("late", [-4, 3, 13, 21, 37])  # -4: measured after the step's time
 def test_the_stamp_is_the_time_of_a_reading(run, late):
     assert camera_error(run, late, stamped=True) < 1.5e-3
+
+
+@pytest.mark.parametrize("late", [4, 9, 15])
+def test_a_stamped_late_reading_of_a_moving_arm_is_of_its_own_time(run, late):
+    """Encoders without a latency in the file whose stamps are old: no prediction waits for them.
+
+    The arm turns by 0.01 rad and more in that time, and the readings are known to 3e-4 rad.
+    """
+    model, log = run
+    ekf, errors, moved = Ekf(model), [], []
+    for k in range(0, 800, 5):
+        old = max(k - late, 0)
+        values, stamps = np.full((2, 6), np.nan)
+        values[:2], stamps[:2] = log.q[old], log.t[old]
+        estimate = ekf.step(log.t[k], values, log.command[max(k - 1, 0)], stamps)
+        if k > 300:
+            errors.append(np.abs(estimate.q - log.q[k]).max())
+            moved.append(np.abs(log.q[k] - log.q[old]).max())
+    assert max(moved) > 0.01
+    assert np.median(errors) < 0.25 * np.median(moved)

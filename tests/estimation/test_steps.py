@@ -91,3 +91,58 @@ def test_stops_hold_and_release():
         met |= {(int(i), int(held[i])) for i in np.flatnonzero(held)}
     assert len(met) >= 3
     assert len({i for i, _ in met} - set(np.flatnonzero(held))) >= 1
+
+
+def test_derivatives_with_held_joints_are_those_of_differences():
+    """Each stop stays as it is under small changes; those of q, v and d act on all joints."""
+    model, d, step = softdyn.load("helix"), np.array([0.02, -0.01, 0.03]), 0.001
+    forces = (Disturbance.TIP_FORCE,)
+    stepper, n = ImplicitStep(model, ForceBalance(model, forces)), model.nv
+    q, v, held = model.q0.copy(), np.zeros(n), np.zeros(n, int)
+    u = np.where(np.arange(model.nu) < 3, model.u_max, 0.0)
+    for _ in range(120):
+        q, v, *_, held, _ = stepper(q, v, u, d, step, held)
+    before = q.copy(), v.copy()
+    found = ImplicitStepResult(*(part.copy() for part in stepper(q, v, u, d, step, held)))
+    assert 2 <= np.count_nonzero(found.held) < n
+    h = 1e-5
+
+    def speed(x):
+        stepper.forget()
+        moved = model.integrate(before[0], x[:n]), before[1] + x[n : 2 * n]
+        there = stepper(*moved, u, d + x[2 * n :], step, held)
+        np.testing.assert_array_equal(there.held, found.held)
+        return there.v
+
+    differences = np.array([
+        (8 * (speed(h * axis) - speed(-h * axis)) - speed(2 * h * axis) + speed(-2 * h * axis))
+        / (12 * h) for axis in np.eye(2 * n + len(d))
+    ]).T  # fmt: skip
+    for part in (slice(0, n), slice(n, 2 * n), slice(2 * n, None)):
+        assert relative(differences[:, part], found.by_state[:, part]) < 1e-6
+
+
+@pytest.mark.parametrize("name", ["finger", "helix"])
+def test_violent_steps_end_in_balance_or_not_at_all(name):
+    """A quarter of the joints begin at stops; speeds up to 100 ranges a second."""
+    model, rng, ended = softdyn.load(name), np.random.default_rng(0), 0
+    stepper, balance = ImplicitStep(model), ForceBalance(model)
+    n, size = model.nv, model.upper - model.lower
+    for _ in range(200):
+        share, at_stop = rng.random((2, n))
+        share = np.where(at_stop < 0.125, 0.0, np.where(at_stop < 0.25, 1.0, share))
+        q = model.configuration(model.lower + share * size)
+        v, step = 10 ** rng.uniform(-1, 2) * size * rng.normal(size=n), 10 ** rng.uniform(-3, -2)
+        u = rng.uniform(model.u_min, model.u_max)
+        stepper.forget()
+        found = stepper(q, v, u, np.zeros(0), step)
+        if found is None:
+            continue
+        ended += 1
+        terms = balance(found.q, found.v, (found.v - v) / step, u, np.zeros(0))
+        rounding = 1e-9 * (np.abs(terms.by_a) @ np.abs(found.v - v) / step).max()
+        assert np.abs(terms.residual[found.held == 0]).max(initial=0) < rounding
+        assert (terms.residual * found.held < rounding).all()
+        at = model.coordinates(found.q)
+        assert ((model.lower - 1e-9 <= at) & (at <= model.upper + 1e-9)).all()
+    assert ended > 50

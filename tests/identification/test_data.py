@@ -89,6 +89,58 @@ def test_slow_samples_are_read_where_the_title_says_seconds(finger, tmp_path):
     assert identification.read_csv(path, finger).t.tolist() == [0, 5, 10]
 
 
+WHEEL = """<robot name="wheel">
+  <link name="stand"/>
+  <link name="rotor"><inertial><mass value="0.4"/>
+    <inertia ixx="2e-4" ixy="0" ixz="0" iyy="2e-4" iyz="0" izz="3e-4"/></inertial></link>
+  <joint name="spin" type="KIND"><parent link="stand"/><child link="rotor"/><axis xyz="0 0 1"/>
+    <limit lower="-6" upper="6" effort="1" velocity="100"/><dynamics damping="6e-4"/></joint>
+  <softdyn version="1"><tendon name="shaft"><joint name="spin" coef="1"/></tendon>
+    <actuator name="motor" tendon="shaft" lower="-0.1" upper="0.1"/></softdyn>
+</robot>"""
+
+
+@pytest.mark.parametrize("written", ["unwrapped", "wrapped", "cos_and_sin", "log", "to_2_pi"])
+def test_a_joint_that_turns_many_times_is_read_in_each_form(tmp_path, written):
+    """q(t) = u / c (t - τ (1 - exp(-t / τ))), τ = I / c: 5 turns in 3 s."""
+    model = cart.load(tmp_path, WHEEL.replace("KIND", "continuous"))
+    t, u, c = np.arange(0, 3, 0.01), 0.01, 9e-4
+    tau = 3e-4 / c
+    q = u / c * (t - tau * (1 - np.exp(-t / tau)))
+    cells = {
+        "unwrapped": [q],
+        "wrapped": [np.arctan2(np.sin(q), np.cos(q))],
+        "to_2_pi": [q % (2 * np.pi)],
+    }.get(written, [np.cos(q), np.sin(q)])
+    head = "q.spin" if len(cells) == 1 else "q.spin.cos,q.spin.sin"
+    if written == "log":  # with columns of any names beside
+        cells, head = [*cells, 0 * q, 0 * q], head + ",V,log"
+    rows = np.stack([t, np.full(len(t), u), *cells], 1)
+    file = tmp_path / "turns.csv"
+    np.savetxt(file, rows, "%.9f", ",", header=f"t,u.motor,{head}", comments="")
+    data = identification.read_csv(file, model)
+    assert data.names == ("q.spin",)
+    np.testing.assert_allclose(data.outputs[:, 0], q, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("kind", "head", "cells", "name"),
+    [
+        ("continuous", "q.spin", "3.1 -1.1 1.2", "less than a quarter of a turn between rows"),
+        ("revolute", "q.spin", "3.1 -3.1 -3.0", "wrapped by 2 pi"),
+        ("continuous", "q.spin.cos,q.spin.sin", "1,0 0,0 0,1", "unit circle"),
+        ("revolute", "q.spin.cos,q.spin.sin", "1,0 1,0 0,1", "q.spin.cos"),
+        ("continuous", "q.spin.cos", "1 0.9 0.8", "q.spin.cos"),
+    ],
+)
+def test_angles_that_do_not_say_how_far_a_joint_turned(tmp_path, kind, head, cells, name):
+    model, file = cart.load(tmp_path, WHEEL.replace("KIND", kind)), tmp_path / "turns.csv"
+    rows = (f"{k / 100},0.01,{cell}\n" for k, cell in enumerate(cells.split()))
+    file.write_text(f"t,u.motor,{head}\n" + "".join(rows))
+    with pytest.raises(InputError, match=name):
+        identification.read_csv(file, model)
+
+
 def test_samples_at_a_stop_and_beside_it(finger):
     """A joint leaves and meets its stop between samples, so its neighbouring samples count, too."""
     joints = np.zeros((8, 4))

@@ -11,7 +11,7 @@ from scipy.optimize import root
 from softdyn import InputError, identification, statics
 from softdyn.commands import identify as command
 from softdyn.identification import DesignFile, Measurements, measured_outputs
-from softdyn.identification.hints import left_out
+from softdyn.identification.hints import hints, left_out
 from softdyn.identification.markers.camera import MarkerView
 from softdyn.identification.problem import Acquisition
 from softdyn.identification.rests import Inputs, rests
@@ -73,16 +73,16 @@ def test_static_rows(tmp_path, capsys, lacking):
         str(tmp_path / "points.toml"),
         "--static",
     ]
-    hints, report = tried(
+    found, report = tried(
         capsys, *words, "--free", "youngs_modulus", "--hold-out", "0", "--folds", "2"
     )
-    assert hints.keys() == {
+    assert found.keys() == {
         STRAIN, "cable_friction", "input_loss", "offset",
     }  # fmt: skip
-    before = {one["before"] for one in hints.values()}
+    before = {one["before"] for one in found.values()}
     assert len(before) == 1
-    assert hints[lacking]["after"] == min(one["after"] for one in hints.values())
-    assert hints[lacking]["after"] < 0.6 * before.pop()
+    assert found[lacking]["after"] == min(one["after"] for one in found.values())
+    assert found[lacking]["after"] < 0.6 * before.pop()
     by = [row["by"] for row in report["residuals"]]
     assert by.count("output") == 3
     assert by.count("time") == by.count("input pull_1") == 4
@@ -101,11 +101,65 @@ def test_dry_friction_of_a_motion(tmp_path, capsys):
     rows = Measurements(t, u, ("q.x",), path)
     np.savetxt(tmp_path / "d.csv", np.column_stack((rows.t, u, path)), delimiter=",",
                header="t,u.u,q.x", comments="")  # fmt: skip
-    hints, report = tried(capsys, str(tmp_path / "file.urdf"), str(tmp_path / "d.csv"))
-    assert hints.keys() == {"friction", "gear"}
-    friction = hints["friction"]
+    found, report = tried(capsys, str(tmp_path / "file.urdf"), str(tmp_path / "d.csv"))
+    assert found.keys() == {"friction", "gear"}
+    friction = found["friction"]
     assert friction["after"] < 0.7 * friction["before"]
     assert friction["before"] == report["rms_held_out"]
+
+
+WIRE = '<sensor name="wire" type="length" tendon="cable" noise="5e-4"/></softdyn>'
+
+
+def wired(folder, noise, bias):
+    """A robot with a cable's encoder, and data of its motion in a file."""
+    text = cart.CART.format(stiffness=8, damping=0.3, lower=-4, upper=4)
+    model = cart.load(folder, text.replace("</softdyn>", WIRE))
+    t, rng = 0.02 * np.arange(80), np.random.default_rng(3)
+    u = np.interp(t, 0.2 * np.arange(9), rng.uniform(-4, 4, 9))[:, None]
+    none, names = np.zeros((1, 0)), ("q.x", "measured.wire")
+    path, _ = follow(model, (), t, u, Start(np.array([0.2]), np.zeros(1), none, none))
+    out = measured_outputs(model, names, path, np.zeros((*path.shape, 0)))[0]
+    out += rng.normal(size=out.shape) * [5e-4, noise] + [0, bias]
+    np.savetxt(folder / "d.csv", np.column_stack((t, u, out)), delimiter=",",
+               header=",".join(("t", "u.u", *names)), comments="")  # fmt: skip
+    return model, str(folder / "robot.urdf"), str(folder / "d.csv")
+
+
+def test_the_bias_of_a_sensor_is_tried_after_the_fit_is_printed(tmp_path, capsys, monkeypatch):
+    _, robot, data = wired(tmp_path, 5e-4, 0.05)
+    shown, tried_ones = [], []
+
+    def watched(*words):
+        shown.append(capsys.readouterr().out)
+        tried_ones.extend(hints(*words))
+        return tried_ones
+
+    monkeypatch.setattr("softdyn.identification.hints.hints", watched)
+    command.main([robot, data, "--hints"])
+    after = capsys.readouterr().out
+    assert "stiffness x" in shown[0]
+    assert "stiffness x" not in after
+    gains = {one.extension: one.after / one.before for one in tried_ones}
+    assert {"friction", "sensor_bias"} <= gains.keys()
+    assert min(gains, key=gains.__getitem__) == "sensor_bias"
+    assert gains["sensor_bias"] < 0.3
+    assert "sensor_bias" in after
+
+
+@pytest.mark.parametrize("times", [1, 3])
+def test_residuals_stand_beside_the_noise_of_the_file_s_sensors(tmp_path, times):
+    model, _, data = wired(tmp_path, times * 5e-4, 0.0)
+    found = identification.identify(
+        model, identification.read_csv(data, model),
+        identification.parameters(model, "stiffness"), hold_out=0,
+    )  # fmt: skip
+    beside = found.report()["file_noise"]
+    assert beside["ratios"] == {"measured.wire": pytest.approx(times, rel=0.2)}
+    assert beside["samples"] == 80
+    assert beside["chi2"] == pytest.approx(80 * times**2, rel=0.4)
+    assert (beside["p"] < 0.01) == (times > 1)
+    assert "wire" in str(found)
 
 
 def test_rows_left_out_and_refusals(tmp_path):

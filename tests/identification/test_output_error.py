@@ -15,11 +15,12 @@ from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.derivatives import mass_columns
 from softdyn.dynamics.tree import tree_of
 from softdyn.identification import Measurements, blocks, dynamic_fit
-from softdyn.identification.data import stretches
-from softdyn.identification.linear import first_guess
+from softdyn.identification.data import cut, gaps, stretches
+from softdyn.identification.linear import first_guess, near_file
 from softdyn.identification.output_error import problem_of
 from softdyn.identification.outputs import measured_outputs
 from softdyn.identification.parameters import Parameter, columns_of, with_values
+from softdyn.identification.problem import Acquisition
 from softdyn.identification.result import COARSE
 from softdyn.identification.unknowns.kinds import Around, MotionSample
 from softdyn.validation.identification.trials import Excitation, deviations, trial, twin_data
@@ -197,6 +198,10 @@ def test_coloured_residuals_widen_the_intervals(tmp_path):
     theta = np.array([found.estimates[0].value])
     white = identification.least_deviations(model, data, several, theta, found.noise, hold_out=0)
     assert factor > 1.2
+    for chance, marked in ((0.2, False), (1e-3, True)):  # the probability that they are white
+        one = replace(found, white=chance)
+        assert ("(?)" in str(one).splitlines()[0]) == marked
+        assert one.report()["parameters"][0]["white"] != marked
     assert found.estimates[0].deviation == pytest.approx(factor * white[0], rel=0.02)
 
 
@@ -213,6 +218,65 @@ def test_far_from_the_file_s_values(tmp_path):
     for one, truth in zip(found.estimates, (0.25, 1.0, 1.0), strict=True):
         assert one.value == pytest.approx(truth, rel=0.02)
         assert abs(one.value - truth) < 4 * one.deviation
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "damping"), [(1e-7, 1e-8), (1e-3, 1e-5), (3e5, 300.0), (0, 0), (12, 0)]
+)
+def test_a_first_guess_off_by_decades_is_found_from_the_data(tmp_path, stiffness, damping):
+    """The truth of the closed form is 15 N/m and 0.1 N s/m."""
+    _, data = swings(tmp_path, 3, 0.01, "q.x", 2e-5)
+    text = cart.CART.format(stiffness=stiffness, damping=damping, lower=-9, upper=9)
+    model = cart.load(tmp_path, text)
+    found = identification.identify(model, data, unknowns(model, *COMPLIANCE))
+    assert not found.unidentifiable
+    for one, truth in zip(found.estimates, (15.0, 0.1), strict=True):
+        assert abs(one.value - truth) < 3 * one.deviation
+        assert one.value == pytest.approx(truth, rel=0.01)
+    if damping:
+        assert f"file times {found.estimates[0].value / stiffness:.3g}" in str(found)
+
+
+def test_rows_at_rest_need_a_first_guess_in_the_file(tmp_path):
+    model = cart.load(tmp_path, cart.CART.format(stiffness=0, damping=0, lower=-9, upper=9))
+    push = np.linspace(-2, 2, 12)[:, None]
+    data = Measurements(np.arange(12.0), push, ("q.x",), push / 20)
+    with pytest.raises(InputError, match="a first guess in the robot's file"):
+        identification.identify(
+            model, data, unknowns(model, "stiffness"), acquisition=Acquisition(static=True)
+        )
+
+
+def test_a_gap_in_the_rows_is_stepped_through_at_their_usual_distance(tmp_path):
+    """A force that stays, from rest: rows of 0.6 s are lost, 0.5 s after the begin."""
+    t, rng = np.arange(0, 3, 0.01), np.random.default_rng(3)
+    k, c, m, force = 20.0, 0.6, cart.MASS, 2.0
+    decay, rate = c / (2 * m), (k / m - (c / (2 * m)) ** 2) ** 0.5
+    swung = np.cos(rate * t) + decay / rate * np.sin(rate * t)
+    x = force / k * (1 - np.exp(-decay * t) * swung) + 2e-5 * rng.standard_normal(len(t))
+    keep = np.flatnonzero((t < 0.5) | (t > 1.1))
+    data = Measurements(t, np.full((len(t), 1), force), ("q.x",), x[:, None]).rows(keep)
+    assert not gaps(data).size  # the input is known in it
+    model = cart.load(tmp_path, cart.CART.format(stiffness=15, damping=0.4, lower=-9, upper=9))
+    found = identification.identify(model, data, unknowns(model, *COMPLIANCE))
+    for one, truth in zip(found.estimates, (k, c), strict=True):
+        assert one.interval[0] < truth < one.interval[1]
+        assert one.half < 0.01 * truth
+    assert not found.coloured
+
+
+def test_a_gap_in_which_the_input_changed_cuts_the_run_and_is_said(tmp_path):
+    model, data = swings(tmp_path, 3, 0.01, "q.x", 2e-5)
+    data = data.rows(np.flatnonzero((data.t < 1.05) | (data.t > 1.75)))
+    after = int(np.searchsorted(data.t, 1.05))
+    assert gaps(data).tolist() == [after - 1]
+    found = identification.identify(model, data, unknowns(model, *COMPLIANCE), hold_out=0)
+    assert found.fit.problem.runs == ((0, after), (after, len(data.t)))
+    for one, truth in zip(found.estimates, (15.0, 0.1), strict=True):
+        assert abs(one.value - truth) < 3 * one.deviation
+    (line,) = identification.doubts(found)
+    assert "1 gap" in line
+    assert cut([(0, 30), (40, 90)], np.array([10, 60])) == [(11, 30), (40, 61), (61, 90)][1:]
 
 
 def test_pieces_keep_in_step_where_the_whole_does_not(tmp_path, monkeypatch):
@@ -280,7 +344,7 @@ def test_a_stop_that_yields_is_followed_where_that_can_be_seen(moved, monkeypatc
     assert followed < 0.5 * np.nanstd(left(true, data, size))
 
 
-def test_a_first_guess_is_within_a_factor_of_ten_of_the_file(finger):
+def test_a_first_guess_from_the_data_and_one_within_a_factor_of_ten_of_the_file(finger):
     """Exact motion of robots whose springs are 0.01 to 100 times as stiff as in the file."""
     springs, rng = unknowns(finger, "stiffness"), np.random.default_rng(4)
     nominal = np.array([one.nominal for one in springs])
@@ -292,7 +356,9 @@ def test_a_first_guess_is_within_a_factor_of_ten_of_the_file(finger):
     names = tuple(f"q.{name}" for name in finger.joint_names)
     data = Measurements(np.arange(50.0), np.tile(u, (50, 1)), names, q)
     guess = first_guess(finger, springs, data, np.array([q, v, a]), np.zeros((50, 4), bool))
-    np.testing.assert_allclose(guess, np.clip(factors, 0.1, 10.0) * nominal, rtol=1e-6)
+    np.testing.assert_allclose(guess, factors * nominal, rtol=1e-6)
+    near = near_file(springs, guess)
+    np.testing.assert_allclose(near, np.clip(factors, 0.1, 10.0) * nominal, rtol=1e-6)
 
 
 def test_stretches_without_a_stop():
@@ -327,7 +393,7 @@ def test_bad_requests(finger):
     with pytest.raises(InputError, match="got 'stifness'; did you mean 'stiffness'"):
         identification.parameters(finger, "stifness")
     with pytest.raises(InputError, match="a first guess in the robot's file"):
-        identification.parameters(finger, "armature")
+        identification.parameters(finger, "friction")
     data = Measurements(np.arange(3.0), np.zeros((3, 2)), ("tip.x",), np.eye(3)[:, :1])
     with pytest.raises(InputError, match="unknowns: expected at least one"):
         identification.identify(finger, data, [])

@@ -6,15 +6,18 @@ import json
 import re
 import sys
 import tomllib
+from functools import partial
 
 import numpy as np
 import pytest
+from tqdm import tqdm
 
 import softdyn
 from softdyn import InputError, identification, statics
+from softdyn.actuation.capstan import Capstan
 from softdyn.commands import identify as command
 from softdyn.dynamics.mimic import build
-from softdyn.identification import DesignFile, Marker, Measurements
+from softdyn.identification import DesignFile, Marker, Measurements, output_error
 from softdyn.identification.blocks import ResidualBlock
 from softdyn.identification.intervals import half_widths
 from softdyn.identification.markers.camera import MarkerView, seen_at
@@ -22,8 +25,9 @@ from softdyn.identification.output_error import problem_of
 from softdyn.identification.outputs import measured_outputs
 from softdyn.identification.parameters import neighbours_of
 from softdyn.identification.problem import Acquisition, idle
-from softdyn.identification.rests import Inputs, rests
+from softdyn.identification.rests import Inputs, rests, slid
 from softdyn.identification.unknowns.kinds import Around
+from softdyn.statics.friction import follow
 
 ARM = """\
 name = "arm"
@@ -234,6 +238,8 @@ def test_a_terminal_shows_how_many_unknowns_are_fitted(monkeypatch, capsys):
     data = Measurements(np.arange(12.0), u, names, np.array(tips))
     springs = identification.parameters(finger, "stiffness", shared=True)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    # each step is drawn, however fast the fit is
+    monkeypatch.setattr(output_error, "tqdm", partial(tqdm, mininterval=0.0, miniters=1))
     found = identification.identify(
         finger, data, springs, acquisition=Acquisition(static=True), hold_out=0, progress=True
     )
@@ -302,6 +308,54 @@ def test_the_last_direction_from_the_order_of_the_rows(arm):
     )
     np.testing.assert_allclose(free, stated, atol=1e-9)
     assert np.linalg.norm(free[1]) < np.linalg.norm(free[3])  # hysteresis
+
+
+def test_rows_in_which_a_cable_slid_back_only_in_part(arm):
+    """The capstan equation: a cable slides back all along when its tension is below e^(-2 μ Σ|q|).
+
+    Until then no joint moves where it sticks, so Σ|q| is about that at the turn.
+    """
+    made, u = rubbing(arm, 0.3), np.zeros((4, 3))
+    model = made.model
+    bend = np.abs(
+        rests(model, (), Inputs(u + 4 * np.eye(3)[0], np.zeros(3)), Around(model))[0][0]
+    ).sum()
+    back = 4 * np.exp(-2 * 0.3 * bend)
+    assert 1 < back < 3
+    u[:, 0] = 2, 4, (4 + back) / 2, 0.85 * back
+    way, whole = slid(model, u, np.zeros(3))
+    assert whole.tolist() == [True, True, False, True]
+    assert way[[0, 1, 3], 0].tolist() == [1, 1, -1]
+    u[:, 0] = 2, 4, 3.5, 2.9  # a motor whose friction takes 0.4 N holds 3.6 N, then 3.3 N
+    _, whole = slid(made.model_of({"friction cable pull": 0.0}), u, np.array([0.4, 0, 0]))
+    assert whole.tolist() == [True, True, False, True]
+
+
+def test_friction_from_a_ramp_whose_cables_slid_back_only_in_part(arm):
+    """Rows of a slow motion; those between two directions are left out, with a count."""
+    path = arm.path.with_name("two.toml")
+    text = ARM.replace("max_tension", "friction = 0.05\nmax_tension")
+    path.write_text(text.replace("segments = 6", "segments = 2").replace("count = 3", "count = 1"))
+    made = DesignFile(path, arm.points)
+    true, rng = made.model_of({"friction cable pull": 0.2}), np.random.default_rng(5)
+    ramp = np.concatenate([np.linspace(1, 5, 4), np.linspace(4.6, 0.6, 8), [2.0, 3.5]])
+    steps = np.interp(np.arange(1, 2 * len(ramp) + 1) / 2, range(len(ramp) + 1), [0, *ramp])
+    u, slow = ramp[:, None], follow(Capstan(true), [np.zeros(1), *steps[:, None]])[2::2]
+    names = tuple(f"point.{m}.{a}" for m in "abc" for a in "xyz")
+    q = np.array([true.coordinates(rest.state.q) for rest in slow])
+    out = measured_outputs(true, names, q, np.zeros((*q.shape, 0)))[0]
+    data = Measurements(np.arange(float(len(u))), u, names, out + 1e-3 * rng.normal(size=out.shape))
+    unknowns = made.unknowns(["cable_friction", "youngs_modulus"])
+    found = identification.identify(
+        made.model, data, unknowns, hold_out=0.0, acquisition=Acquisition(static=True)
+    )
+    for one, truth in zip(found.estimates, (0.2, 0.3e6), strict=True):
+        assert abs(one.value - truth) < 1.5 * one.half < 0.5 * truth
+    left_out = len(u) - len(found.fit.problem.data.t)
+    assert 1 <= left_out <= 8
+    assert any(
+        line.startswith(f"{left_out} of {len(u)} rows") for line in identification.doubts(found)
+    )
 
 
 def test_friction_of_cables_from_static_rows(arm, tmp_path, capsys):

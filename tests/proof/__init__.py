@@ -24,7 +24,7 @@ of them.
 - `step_time`, `hostile`, `observer_time`, `loop_time`, `throughput`, `live_time`, `timing`: times
   of steps, also under hostile numbers, of observers, of closed loops, and with live pages;
 - `compare_steps`, `scaling`: step times compared with another checkout, and by the size of a robot;
-- `scenes`, `obstacle`, `safety`: arms among obstacles, judged by MuJoCo's distances;
+- `scenes`, `near_far`, `obstacle`, `safety`: arms among obstacles, judged by MuJoCo's distances;
 - `barrier_time`: the price of barriers, compared with another checkout;
 - `estimates`: forces that the observer estimates.
 """

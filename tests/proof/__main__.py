@@ -12,8 +12,8 @@ PROGRAMS = (
     "closed_forms", "peer", "field", "identification.second_opinion", "twins",
     "step_time", "hostile", "throughput", "observer_time", "loop_time", "live_time",
     "compare_steps", "scaling", "rig_faults",
-    "rests", "poses", "scenes", "barrier_time", "obstacle", "estimates.forces", "tables",
-    "pictures", "gallery", "batches", "weights",
+    "rests", "poses", "scenes", "near_far", "barrier_time", "obstacle", "estimates.forces",
+    "tables", "pictures", "gallery", "batches", "weights",
     "wraps",
 )  # fmt: skip
 

@@ -128,10 +128,12 @@ def observed_loop(
     sent = [commands[0], *commands]
     rows = [(float(log.t[k]), log.measured[k].copy(), sent[k].copy()) for k in range(log.steps)]
     rigged = softdyn.build(rig.robot(model.robot), model.bundled)
-    channels = [one for one in sensor_channels(rigged, rigged.robot.sensors) if one.latency > 0]
+    channels = [
+        one for one in sensor_channels(rigged, rigged.robot.sensors) if one.times.latency > 0
+    ]
     # a reading from before the first step tells nothing
     late = np.array(
-        [sum([one.arrives(t) and t >= one.latency for one in channels]) > 0 for t, *_ in rows]
+        [sum([one.arrives(t) and t >= one.times.latency for one in channels]) > 0 for t, *_ in rows]
     )
     return ObservedLoop(log.period, rows, late)
 

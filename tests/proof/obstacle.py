@@ -38,6 +38,7 @@ cli.add_json(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Run, judge and report."""
+    from softdyn.controllers import SoftIdClfQp
     from softdyn.controllers.gains import from_table
     from tests.proof.safety import obstacle
 
@@ -50,17 +51,17 @@ def command(arguments: cli.Arguments) -> int:
         limits=arguments.limits,
         random=arguments.runs,
         seed=arguments.seed,
-        gains=from_table(model, "soft-id-clf-qp", table),
+        gains=from_table(model, SoftIdClfQp.published, table),
         target=arguments.target,
     )
     if arguments.log is not None:
         for name, log in met.logs.items():
             log.save(f"{arguments.log}-{name.replace(' ', '-')}.npz")
     if arguments.html is not None:
-        from softdyn.validation.loop.pictures.replay import comparison
+        from softdyn.validation.loop.pictures.replay import show_runs
 
         logs, labels = [*met.logs.values()], [*met.logs]
-        comparison(logs, [model] * len(logs), labels).save(arguments.html)
+        show_runs(logs, [model] * len(logs), labels).save(arguments.html)
     cli.write_report(met.report, arguments.json, str(met))
     return cli.PASSED if met.report["passed"] else cli.FAILED
 

@@ -12,8 +12,8 @@ from softdyn import SoftModel
 from softdyn.commands import cli
 from softdyn.controllers import find_controller
 from softdyn.validation.loop import setups
-from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.closed_loop import ClosedLoop
+from softdyn.validation.loop.settings import RunOptions
 from softdyn.validation.simulate import simulate
 from softdyn.validation.studies.study_targets import study_experiments
 from softdyn.validation.tables import Table

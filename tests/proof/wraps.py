@@ -121,7 +121,7 @@ def _compare(
     apart = np.abs(state.moment_arms - arms[:, order]).max(axis=1)
     found.note("length", float(np.abs(state.lengths - data.ten_length).max()), where)
     paths = model.tendons.wraps
-    contacts = paths.at(*model.kinematics(q)[1:]).courses.contact
+    contacts = model.tendon_geometry(q).around.courses.contact
     found.contacts.update(Contact(contact).name for contact in contacts)
     inside = set(paths.tendon[contacts == Contact.BENT].tolist())
     for t, error in enumerate(apart):
@@ -153,10 +153,9 @@ def _differences(
 
 def _edges(model: TreeModel, q: np.ndarray) -> bool:
     """Whether a cable touches, leaves or enters a body within two steps along any joint."""
-    paths = model.tendons.wraps
 
     def here(at):
-        return paths.at(*model.kinematics(at)[1:]).courses.contact.tolist()
+        return model.tendon_geometry(at).around.courses.contact.tolist()
 
     steps = np.vstack((np.eye(model.nv), -np.eye(model.nv)))
     now = here(q)

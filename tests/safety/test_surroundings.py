@@ -23,10 +23,10 @@ FILE = """
 name = "floor"
 normal = [0, 0, 2]
 offset = -0.1
+contact = false
 [[sphere]]
 centre = [0.22, 0, -0.1]
 radius = 0.02
-contact = true
 [[box]]
 centre = [0.1, 0.1, 0]
 size = [0.05, 0.1, 0.05]
@@ -39,8 +39,8 @@ margin = 0.002
 
 def around() -> Surroundings:
     return Surroundings([
-        HalfSpace([0, 0, 1], -0.1, links="all", name="floor"),
-        KeepOutSphere([0.22, 0, -0.1], 0.02, links="all", contact=True),
+        HalfSpace([0, 0, 1], -0.1, links="all", name="floor", contact=False),
+        KeepOutSphere([0.22, 0, -0.1], 0.02, links="all"),
         KeepOutBox([0.1, 0.1, 0], [0.05, 0.1, 0.05], rpy=(0, 0, 0.3), links=["link3", "link4"],
                    margin=0.002),
         LinkPairs(),
@@ -115,11 +115,12 @@ def test_only_obstacles_with_contact_touch_the_twin() -> None:
 
 def test_a_run_keeps_clear_and_its_log_has_the_reserve(tmp_path: Path) -> None:
     model = robot("finger")
-    wall = Surroundings([HalfSpace([0, 0, 1], -0.1, links="all", name="floor")])
+    floor = HalfSpace([0, 0, 1], -0.1, links="all", name="floor", contact=False)
+    wall = Surroundings([floor])
     goal = SetPoint([0.127, 0, -0.127])
     least = {}
     for around in (Surroundings(()), wall):
-        law = with_barriers(SoftIdClfQp, around)(model)
+        law = with_barriers(SoftIdClfQp, around)(model, horizon=0.03)
         log = simulate(model, law, goal, duration=0.8, period=0.005, surroundings=wall)
         least[len(around.barriers)] = log.least_reserve["floor"]
     assert least[0] < -0.02

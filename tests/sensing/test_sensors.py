@@ -163,6 +163,11 @@ def test_readings(model):
         elif sensor.kind is KIND.JOINT:
             at = joints.joint_names.index(sensor.joint)
             assert got == joints.coordinates(expanded)[at]
+        elif sensor.kind is KIND.BEND:
+            poses, own = model.link_poses(q), sensor.origin.rotation
+            begin, end = (poses[link][:3, :3] @ own for link in (sensor.link, sensor.to))
+            across, along = end[:, 0] @ begin[:, 1], end[:, 0] @ begin[:, 0]
+            assert got == pytest.approx(math.atan2(across, along), abs=1e-12)
         elif sensor.kind is not KIND.TENSION:
             p, R = frame(sensor, 0.0)
             (before, R0), (after, R1) = frame(sensor, -h), frame(sensor, h)

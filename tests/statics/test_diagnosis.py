@@ -8,16 +8,25 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
+from scipy.linalg import eigvalsh
 
 import softdyn
 from softdyn import SoftModel, UrdfError, design, parse
 from softdyn.commands import check
 from softdyn.loading import load_text
 from softdyn.statics import diagnose, rest, zero_dynamics
-from softdyn.statics.suspicious_values import suspicious_shapes, suspicious_values, unbalanced
+from softdyn.statics.suspicious_values import (
+    FLOOR,
+    fast_springs,
+    suspicious_shapes,
+    suspicious_values,
+    unbalanced,
+)
 from softdyn.statics.zero_dynamics import examine, find_boundary, sample_poses
+from softdyn.validation import Twin
 from tests.support import CORPUS
 from tests.support.arms import THREE_SECTIONS
 from tests.support.control_cases import robot
@@ -355,12 +364,99 @@ def test_an_arm_without_inputs_that_gravity_overcomes_everywhere(tmp_path: Path)
     assert not any("gravity wins" in line for line in hangs)
 
 
+@pytest.mark.parametrize("damping", [0.0, 0.1, 5.0])
 @pytest.mark.parametrize("share", [0.99, 1.01])
-def test_a_spring_too_fast_for_the_plant(share: float, tmp_path: Path) -> None:
-    """λ h² = k h² / (m l²) reaches 4, the stability limit of explicit steps of 0.5 ms."""
-    bound = 4 * MASS * LEVER**2 / 5e-4**2
-    found = diagnose(load(tmp_path, links(1, False, share * bound)), 1).doubts
+def test_a_spring_too_fast_for_the_plant(share: float, damping: float, tmp_path: Path) -> None:
+    """k h² reaches 4 m l² + 2 h d, where MuJoCo's own step of 0.5 ms starts to grow."""
+    h = 5e-4
+    bound = (4 * MASS * LEVER**2 + 2 * h * damping) / h**2
+    text = links(1, False, share * bound).replace('damping="0.1"', f'damping="{damping}"')
+    model = load(tmp_path, text)
+    found = diagnose(model, 1).doubts
     assert any("too fast for plant steps of 0.0005 s" in line for line in found) is (share > 1)
+    twin = Twin(model, timestep=h, limits=False)
+    twin.data.qpos[0] = 1e-9
+    mujoco.mj_step(twin.model, twin.data, 100)
+    # the roots z of (m + h d) z² + (h² k - h d - 2 m) z + m have |z| < 1 below the bound only
+    assert bool(abs(twin.data.qpos[0]) > 1e-7) is (share > 1)
+
+
+@pytest.mark.parametrize("segments", [5, 25])
+def test_an_arm_of_many_segments_that_its_damping_calms(segments: int, tmp_path: Path) -> None:
+    """Its fastest mode is beyond an explicit step, and MuJoCo's damping is implicit."""
+    model = load_text(
+        design.read(tomllib.loads(MAST.format(modulus=2.0, segments=segments))).text,
+        path=Path("mast.urdf"),
+    )
+    state = model.state(model.q0, np.zeros(model.nv))
+    squares = eigvalsh(np.diag(model.stiffness), state.M)
+    assert bool(squares[-1] * 5e-4**2 > 4) is (segments > 5)
+    assert fast_springs(model, state) is None
+    loose = replace(
+        model.robot, joints=tuple(replace(j, damping=1e-3 * j.damping) for j in model.robot.joints)
+    )
+    undamped = softdyn.build(loose)
+    said = fast_springs(undamped, undamped.state(undamped.q0, np.zeros(model.nv)))
+    assert (said is not None) is (segments > 5)
+
+
+MAST = """
+name = "mast"
+unusual = true
+[material]
+youngs_modulus_MPa = {modulus}
+density_kg_m3 = 1100
+[[section]]
+length_mm = 300
+radius_mm = 10
+segments = {segments}
+[mount]
+direction = [0, 0, 1]
+[[cable]]
+count = 3
+offset_mm = 8
+routing = "channel"
+max_tension_N = 2
+"""
+
+
+@pytest.mark.parametrize("share", [0.95, 1.05])
+def test_an_upright_rod_that_falls_under_its_own_weight(share: float, tmp_path: Path) -> None:
+    """Greenhill (1881): a rod of length L, radius r stands if E > 4 ρ g L³ / (7.8373 r²)."""
+    critical = 4 * 1100 * 9.81 * 0.3**3 / (7.8373 * 0.01**2) / 1e6
+    text = design.read(tomllib.loads(MAST.format(modulus=share * critical, segments=12))).text
+    found = diagnose(load_text(text, path=Path("mast.urdf")), 3)
+    assert (found.least < 0, found.falls) == (share < 1, share < 1)
+    assert found.rest.dominates  # in the directions without an input, two of 24 are bends with one
+    assert found.to_dict()["stiffness_of_all_directions_at_rest"] == found.least
+    assert ("stiffness dominates" in str(found)) is (share > 1)
+    assert ("gravity wins unless an input holds the robot" in str(found)) is (share < 1)
+    assert found.equilibrium is not None
+    assert bool(abs(found.equilibrium.y[:2]).max() > 0.01) is (share < 1)
+
+
+def test_a_motor_that_has_to_hold_a_pendulum_up(tmp_path: Path) -> None:
+    """Two inverted links, ∂(K + g)/∂q = k - m g l [[3, 1], [1, 1]] over all directions."""
+    lean = links(2, True, 1.4, actuated=(1,))
+    found = diagnose(load(tmp_path, lean), 2)
+    least = 1.4 - MASS * G * LEVER * (2 + math.sqrt(2))
+    assert found.least == pytest.approx(least)
+    assert found.falls
+    assert found.rest.dominates
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_robot_below_mujocos_floor_is_named(share: float, tmp_path: Path) -> None:
+    """MuJoCo calls an inertia m l² below 1e-15 kg m² singular."""
+    assert mujoco.mjMINVAL == FLOOR
+    model = load(tmp_path, links(1, False, STIFFNESS).replace(
+        f'mass value="{MASS}"', f'mass value="{share * FLOOR / LEVER**2}"'))  # fmt: skip
+    (note,) = diagnose(model, 1).notes or ("",)
+    assert ("1e-15" in note and "'j1'" in note) is (share < 1)
+    twin = Twin(model, limits=False)
+    mujoco.mj_forward(twin.model, twin.data)
+    warned = twin.data.warning[mujoco.mjtWarning.mjWARN_INERTIA].number
+    assert bool(warned) is (share < 1)
 
 
 def test_what_no_spring_holds_and_no_actuator_pulls(tmp_path: Path) -> None:

@@ -10,8 +10,9 @@ import pytest
 
 import softdyn
 from softdyn import InputError, statics
-from softdyn.statics.reachable import APART, AXIS, ROOM
+from softdyn.statics.reachable import APART, AXIS, LONGEST, ROOM, SHORTEST
 from softdyn.validation import StateMap, Twin
+from tests.statics.test_statics import STIFFNESS, G, pendulum
 from tests.support.command import command
 
 
@@ -47,7 +48,8 @@ def test_a_path_is_followed_by_rests_and_knows_its_slope(rests):
         here, before, after = loop(t), loop(t - h), loop(t + h)
         np.testing.assert_allclose(here.ydot, (after.y - before.y) / (2 * h), atol=1e-9)
         np.testing.assert_allclose(here.yddot, (after.ydot - before.ydot) / (2 * h), atol=1e-8)
-        near = statics.inputs_for_tip(model, here.y, [found[-1]], shapes=0).nearest
+        search = statics.inputs_for_tip(model, here.y, [found[-1]], shapes=0, seconds=math.inf)
+        near = search.nearest
         assert np.linalg.norm(near.y - here.y) < 0.01 * model.robot.length
     np.testing.assert_allclose(loop(loop.period).y, loop(0.0).y, atol=1e-12)
     # the longer axis is a share of the robot's length, halved until rests follow
@@ -56,6 +58,18 @@ def test_a_path_is_followed_by_rests_and_knows_its_slope(rests):
     assert 0 <= round(halvings) < 4
     assert np.linalg.norm(loop.b) <= np.linalg.norm(loop.a) * (1 + 1e-12)
     assert abs(loop.a @ loop.b) < 1e-12
+
+
+def test_a_path_turns_at_half_the_rate_of_the_slowest_pole(tmp_path):
+    """A pendulum's poles by hand: M s² + d s + k = 0 about the angle where it rests."""
+    slow = {f'i{axis}{axis}="1e-3"': f'i{axis}{axis}="0.08"' for axis in "xyz"}
+    slow |= {'damping="0.05"': 'damping="0.8"'}  # so much that the two poles differ
+    model, angle = pendulum(tmp_path, changes=slow), 0.2
+    u = STIFFNESS * angle + 0.1 * G * math.sin(angle)
+    loop = statics.loop_around(statics.settle(model, [u]))
+    poles = np.roots([0.08 + 0.1**2, 0.8, STIFFNESS + 0.1 * G * math.cos(angle)])
+    assert 2 * math.pi / LONGEST < np.abs(poles).min() / 2 < 2 * math.pi / SHORTEST
+    assert loop.omega == pytest.approx(np.abs(poles).min() / 2, rel=1e-6)
 
 
 def test_a_robot_that_cannot_be_moved_is_told(tmp_path):

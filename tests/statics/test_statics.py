@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import pickle
 import warnings
 
@@ -80,6 +81,24 @@ def test_upright_pendulum(tmp_path):
     assert leaning.stable
 
 
+@pytest.mark.parametrize("u", [-0.1, 0.1])
+def test_from_a_saddle_the_robot_falls_to_the_lower_side(tmp_path, u):
+    """The energy k q²/2 + m g r cos q - u q falls faster towards the side of u."""
+    model, weight = pendulum(tmp_path, height=0.1), 0.1 * G
+
+    def force(q):
+        return STIFFNESS * q - weight * np.sin(q) - u
+
+    top = brentq(force, -0.7, 0.7, xtol=1e-14)
+    saddle = statics.balance(model, [u], [top])
+    assert not saddle.stable
+    assert saddle.q == pytest.approx([top], abs=1e-9)
+    assert np.sign(top) == -np.sign(u)
+    fallen = statics.settle(model, [u], saddle.q).q
+    expected = -1.0 if u < 0 else min(brentq(force, 0.5, 3, xtol=1e-14), 2.0)
+    assert fallen == pytest.approx([expected], abs=1e-8)
+
+
 def test_a_stop_takes_the_rest_of_the_force(tmp_path):
     model = pendulum(tmp_path)
     found = statics.settle(model, [-2.0])
@@ -98,7 +117,7 @@ def test_inputs_for_the_pendulum_s_tip(tmp_path):
     for angle in (-0.95, 1.4):
         circle = -0.1 * np.array([np.sin(angle), 0.0, np.cos(angle)])
         for radius in (1.0, 1.5):
-            search = statics.inputs_for_tip(model, radius * circle, shapes=1)
+            search = statics.inputs_for_tip(model, radius * circle, shapes=1, seconds=math.inf)
             assert search.distance(search.nearest) == pytest.approx(0.1 * (radius - 1), abs=1e-6)
             force = STIFFNESS * angle + 0.1 * G * np.sin(angle)
             assert search.nearest.u == pytest.approx([force], abs=1e-4)
@@ -437,7 +456,7 @@ def test_a_hoist_rests_at_its_stops_or_anywhere(tmp_path, u, place, firmness):
 
 def test_a_hoist_is_held_at_any_height(tmp_path):
     model, target = written(tmp_path, HOIST), np.array([0.0, 0.0, -0.25])
-    search = statics.inputs_for_tip(model, target, shapes=2)
+    search = statics.inputs_for_tip(model, target, shapes=2, seconds=math.inf)
     assert search.distance(search.nearest) < 1e-6
     assert search.nearest.u == pytest.approx([0.2 * G])
     assert search.nearest.neutral

@@ -2,10 +2,14 @@
 
 import json
 
+import numpy as np
 import pytest
 
+import softdyn
+from softdyn import statics
 from tests.support import preloaded
 from tests.support.command import command
+from tests.support.turret import TURRET
 
 # 1 kg on a spring of 100 N/m, and no input
 WEIGHT = """<robot name="weight"><link name="base"/><link name="a"><inertial><mass value="1"/>
@@ -46,3 +50,50 @@ def test_a_preload_is_a_constant_force_and_no_unknown(tmp_path, width):
         "observe", path, "--target", *target, "--sensors", "joints=0.001@500", "--seconds", "0.2"
     )
     assert done.code == 0, done.err
+
+
+def test_a_turret_whose_continuous_joint_nothing_holds(tmp_path):
+    """It rests at any angle of `pan`, under no torque of its motor: neutral, as by hand."""
+    (tmp_path / "turret.urdf").write_text(TURRET)
+    words = ("statics", tmp_path / "turret.urdf", "--rays", "8", "--spread", "10", "--hold", "0.2")
+    done = command(*words)
+    assert done.code == 0, done.err
+    assert "nan" not in done.out
+    assert "0 stable equilibria sampled, " in done.out
+    model = softdyn.load(tmp_path / "turret.urdf")
+    found = list(statics.sample_rests(model, 8))
+    assert len(found) > 40
+    for one in found:
+        assert one.neutral
+        assert one.u[0] == 0.0
+        np.testing.assert_allclose(np.abs(one.loose), [[1], [0], [0]], atol=1e-9)
+    pans = [model.coordinates(one.q)[0] for one in found]
+    assert max(pans) - min(pans) > 2  # all around
+    # the same equilibria as of the turret without the turn, by the same inputs
+    (tmp_path / "fixed.urdf").write_text(
+        TURRET.replace('name="pan" type="continuous"', 'name="pan" type="fixed"')
+        .replace('<tendon name="pan_t"><joint name="pan" coef="1"/></tendon>', "")
+        .replace('<actuator name="pan_m" tendon="pan_t" lower="-1" upper="1"/>', "")
+    )
+    fixed = softdyn.load(tmp_path / "fixed.urdf")
+    for one in found[::7]:
+        alone = statics.settle(fixed, one.u[1:], model.coordinates(one.q)[1:])
+        np.testing.assert_allclose(alone.q, model.coordinates(one.q)[1:], atol=1e-8)
+        np.testing.assert_allclose(alone.y[2], one.y[2], atol=1e-9)
+        np.testing.assert_allclose(np.abs(alone.y[0]), np.hypot(*one.y[:2]), atol=1e-9)
+
+
+def test_a_target_behind_a_turret(tmp_path):
+    """163° of `pan`: the tip of the arm level at 0.2 m from the axis, turned."""
+    (tmp_path / "turret.urdf").write_text(TURRET)
+    model = softdyn.load(tmp_path / "turret.urdf")
+    level = statics.settle(model, np.array([0.0, 0.0]))
+    radius, height = np.hypot(*level.y[:2]), level.y[2]
+    angle = np.deg2rad(163)
+    target = [radius * np.cos(angle), radius * np.sin(angle), height]
+    done = command("statics", tmp_path / "turret.urdf", "--target", *map(str, target),
+                   "--hold", "0.2", "--json", "-")  # fmt: skip
+    assert done.code == 0, done.err
+    closest = json.loads(done.out)["targets"][0]["closest"]
+    assert closest["distance_cm"] < 0.01
+    assert closest["neutral"]

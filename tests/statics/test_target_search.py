@@ -4,17 +4,29 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import softdyn
 from softdyn import InputError, SetPoint, statics
+from softdyn.loading import load_text
 from softdyn.statics import target_search
 from softdyn.tasks import AxisTask, OrientationTask, PointTask, PoseTask, StackedReference, Target
 from tests.support.command import command
 
 FINGER = softdyn.load("finger")
+STANDING = load_text("""<robot name="pendulum"><link name="world"/><link name="rod"><inertial>
+<origin xyz="0 0 0.1"/><mass value="1"/>
+<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j" type="revolute"><parent link="world"/><child link="rod"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="1" velocity="1"/>
+<dynamics damping="0.05" stiffness="0.5"/></joint>
+<softdyn version="1"><tendon name="t"><joint name="j" coef="1"/></tendon>
+<actuator name="u" tendon="t" gear="1" lower="-2" upper="2"/><task frame="rod"/></softdyn>
+</robot>""", path=Path("pendulum.urdf"))  # fmt: skip
 TIP = FINGER.robot.task
 
 
@@ -30,7 +42,8 @@ def pose_of(one: statics.Equilibrium) -> np.ndarray:
 def test_poses_of_stable_equilibria_are_held(known) -> None:
     for one in known:
         goal = StackedReference({"hand": Target(pose_of(one))})
-        found = statics.inputs_for_tasks(FINGER, [PoseTask(TIP, name="hand")], goal, rays=2)
+        tasks = [PoseTask(TIP, name="hand")]
+        found = statics.inputs_for_tasks(FINGER, tasks, goal, rays=2, seconds=math.inf)
         best = found.nearest_stable
         assert best is not None
         assert found.errors(best)["hand"] < 1e-8
@@ -41,7 +54,9 @@ def test_poses_of_stable_equilibria_are_held(known) -> None:
 
 def test_a_point_alone_is_the_search_for_the_tip(known) -> None:
     goal = known[0].y
-    found = statics.inputs_for_tasks(FINGER, [PointTask(TIP)], SetPoint(goal), rays=2)
+    found = statics.inputs_for_tasks(
+        FINGER, [PointTask(TIP)], SetPoint(goal), rays=2, seconds=math.inf
+    )
     assert np.linalg.norm(found.nearest.y - goal) < 1e-6
     from_rest = statics.approach(statics.rest(FINGER), goal, stay_stable=True)
     assert any(np.array_equal(one.u, from_rest.u) for one in found.found)
@@ -50,7 +65,7 @@ def test_a_point_alone_is_the_search_for_the_tip(known) -> None:
 def test_a_pair_out_of_reach_has_residuals_by_task() -> None:
     tasks = [PointTask("tip", weight=100.0), AxisTask("tip", [0, 0, 1])]
     goal = StackedReference({"tip": SetPoint([0, 0, 1.0]), "tip.axis": Target([1, 0, 0])})
-    found = statics.inputs_for_tasks(FINGER, tasks, goal, rays=2)
+    found = statics.inputs_for_tasks(FINGER, tasks, goal, rays=2, seconds=math.inf)
     at = found.nearest
     errors = found.errors(at)
     assert errors["tip"] == pytest.approx(np.linalg.norm(at.y - (0, 0, 1.0)))
@@ -125,8 +140,12 @@ def test_the_limit_of_time_holds_for_the_samples_too(monkeypatch) -> None:
     assert len(taken) == 5
     assert found.timed_out
     assert len(found.found) == 1
-    statics.inputs_for_tasks(model, tasks, goal, rays=1)  # nothing was kept of the first
-    assert len(taken) > 5
+    # nothing was kept of the first, so that the whole sample is taken, once
+    whole = list(sample(model, 32, 0))
+    statics.inputs_for_tasks(model, tasks, goal, seconds=math.inf)
+    assert len(taken) == 5 + len(whole)
+    statics.inputs_for_tasks(model, tasks, goal, seconds=math.inf)
+    assert len(taken) == 5 + len(whole)
 
 
 def test_the_search_for_the_tip_has_a_limit_too(monkeypatch) -> None:
@@ -143,3 +162,25 @@ def test_the_search_for_the_tip_has_a_limit_too(monkeypatch) -> None:
     assert search.timed_out
     assert clock[0] == 2.0
     assert not statics.inputs_for_tip(FINGER, [0.0, 0.0, 1.0], shapes=1).timed_out
+
+
+def test_of_equilibria_at_the_target_the_one_with_the_least_input_is_first() -> None:
+    """Two shapes of the finger hold each of these tips; the first one found needs more, once."""
+    rng, several = np.random.default_rng(0), 0
+    for _ in range(6):
+        goal = statics.settle(FINGER, 0.3 * rng.uniform(FINGER.u_min, FINGER.u_max)).y
+        search = statics.inputs_for_tip(FINGER, goal, shapes=6, rays=2, seconds=math.inf)
+        norms = [np.linalg.norm(one.u) for one in search.found if search.distance(one) <= 1e-6]
+        several += len(norms) > 1
+        assert norms == sorted(norms)
+        assert np.linalg.norm(search.nearest.u) == min(norms)
+    assert several > 1
+
+
+def test_downhill_of_a_saddle_there_are_both_sides() -> None:
+    """A mass on a spring stands upright for k < m g r; it leans where m g r sin q = k q."""
+    saddle = statics.balance(STANDING, [0.0], [1e-3])
+    assert not saddle.stable
+    lean = brentq(lambda q: 0.5 * q - 0.981 * np.sin(q), 0.5, 3, xtol=1e-14)
+    sides = sorted(float(one.q[0]) for one in target_search._downhill(saddle))
+    assert sides == pytest.approx([-lean, lean], abs=1e-8)

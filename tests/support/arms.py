@@ -22,7 +22,8 @@ EVERYTHING = design.Arm(
         ),
         design.Section(
             0.08, lambda s: 0.01 - 0.002 * s * s, RUBBER, 3, ("bend_y", "shear_y", "shear_z"),
-            bending_stiffness=(1e-3, 5e-4), mass=0.02, rest={"bend_y": 3.0},
+            bending_stiffness=(1e-3, 5e-4), shear_stiffness=(24.0, 15.0),
+            mass=0.02, rest={"bend_y": 3.0},
             discs=4, disc=design.Plate(0.014, 0.002, 0.001), name="upper",
         ),
     ),

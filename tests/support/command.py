@@ -33,7 +33,7 @@ def left_as_it_was() -> Iterator[None]:
     """Restore the settings that a command changes for the rest of its process."""
     with (
         patch.object(cli, "one_thread"),
-        patch.object(supervisor, "supervised", lambda work, killed: work()),
+        patch.object(supervisor, "supervised", lambda work, *codes: work()),
         patch.object(warnings, "formatwarning", warnings.formatwarning),
     ):
         hears = signal.getsignal(signal.SIGINT)

@@ -16,6 +16,7 @@ from scipy.stats import chi2
 
 from softdyn.examples import served_rig
 from softdyn.validation import Log
+from tests.support import PATIENCE
 from tests.support.benched import ARM, benched
 
 # the driver, the controller and the observer; each fails on request, and notes when
@@ -122,7 +123,6 @@ KILLS = {
 END, FALLING = "planned end", "SIGINT while the commands fall"
 CAUSES = {END: "", FALLING: "Ctrl-C", **SIGNALS, **READINGS, **OWN_FAULTS, **KILLS}
 CODES = {FALLING: 130, "SIGINT": 130, "kill command": -9}  # others: 1; the verdict's at the end
-PATIENCE = 120.0  # s, in which every process must have answered
 STALE, LOST, RAMP = 0.1, 0.2, 0.5  # s, the limits of `softdyn drive`
 SURE = 1 - 1e-6
 

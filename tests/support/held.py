@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -13,12 +14,15 @@ import softdyn
 from softdyn import Reference, SetPoint, controllers, design, estimation, safety, statics, tasks
 from softdyn.actuation import Capstan, Winches
 from softdyn.controllers import BEYOND, CONTROLLERS, Gains
+from softdyn.description.readings import ReadingLayout, SampledSensor
 from softdyn.loading import load_text
 from softdyn.sensing import Sensor, SensorKind, Sensors
 from softdyn.validation import Rig, Scene, StateMap, Twin, paper, simulate
-from softdyn.validation.loop.arguments import RunOptions
+from softdyn.validation.channels import every_run
 from softdyn.validation.loop.closed_loop import ClosedLoop
+from softdyn.validation.loop.settings import RunOptions
 from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.rig import RiggedPlant
 from softdyn.view.rest_sweep import rest_page
 from tests.support import ROOT
@@ -33,6 +37,13 @@ ARM = design.Arm(
     motors=(design.CableMotor(("cable",), lag=0.01),),
     sensors=(design.ArmSensor(Sensor("end", SensorKind.POSITION), points=(0.1,)),),
 )  # fmt: skip
+
+
+def failed_problem(model: Any, state: Any, goal: Any) -> Any:
+    """The problem of a fallback."""
+    law = CONTROLLERS["soft-id-clf-qp"](model)
+    law(replace(state, h=np.full(model.nv, np.inf)), goal)
+    return law.failed_problem
 
 
 class Uses:
@@ -133,7 +144,7 @@ def objects(uses: Uses) -> list[tuple[Any, Callable[[Any], list[Any]]]]:
         Gains(Kp=1.0), controllers.MpcParameters(), stage,
         controllers.Schedule(stage, stage, arrive=0.1, leave=0.2, dwell=0.1), law(state, goal),
         controllers.TaskReport("tip", 0, controllers.TaskCondition.MET, 3, 0.0),
-        controllers.RestTargets(model),
+        controllers.RestTargets(model), failed_problem(model, state, goal),
         # design
         ARM, *ARM.sections, *ARM.cables, *ARM.motors, *ARM.sensors, ARM.payload, ARM.mount,
         ARM.damping, ARM.sections[0].material, ARM.sections[0].disc, design.design(ARM),
@@ -144,6 +155,7 @@ def objects(uses: Uses) -> list[tuple[Any, Callable[[Any], list[Any]]]]:
         estimation.observe(rest, observed.robot.sensors, seconds=0.01),
         recorded(observed, uses.readings),
         # safety, sensing, actuation
+        controllers.JointLimits(model), options, PlantErrors(), every_run(model)[0],
         safety.Surroundings(walls[:2]), *observed.robot.sensors, sensors.components,
         sensors.measure(observed.state(state.q, state.v), PUSH), Capstan(model, 0.1).at(state),
         # statics
@@ -179,6 +191,7 @@ def objects(uses: Uses) -> list[tuple[Any, Callable[[Any], list[Any]]]]:
         (tasks.JointTask(), lambda one: [list(one.evaluate(state, ones))]),
         (tasks.ShapeTask([0.1]), lambda one: [list(one.evaluate(state, spot))]),
         (tasks.StrainTask(basis), uses.look),
+        (ReadingLayout(observed.robot.sensors), uses.look), (SampledSensor(60.0, 0.03), uses.look),
         (line, uses.along), (turns, uses.along), (tasks.Poses(line, turns), uses.along),
         (tasks.References({"tip": line, "turn": turns}), uses.along),
         (softdyn.Ellipse(0.1, 0.1, 0.1, omega=0.1), uses.along),

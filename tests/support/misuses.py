@@ -230,8 +230,22 @@ TREE = [
     Misuse("mimic beyond all numbers", ARM.replace(
            *mimic('<mimic joint="spin" multiplier="1e40"/>')).replace(
            SPIN, SPIN.replace("</joint>", '<mimic joint="bend" multiplier="1e20"/></joint>')),
-           '<joint name="slide">', "a multiplier and an offset within ±1e+50",
+           '<joint name="slide">', "a multiplier and an offset within ±1e+06",
            "1e+60 and 0 along slide, spin, bend", row=False),
+    Misuse("mimic that squares to overflow", mimic('<mimic joint="bend" multiplier="1e40"/>'),
+           '<joint name="slide">', "in <mimic> a multiplier and an offset within ±1e+06",
+           "1e+40 and 0 along slide, bend"),
+    Misuse("mimic with an offset beyond all places", mimic('<mimic joint="bend" offset="-1e7"/>'),
+           '<joint name="slide">', "in <mimic> a multiplier and an offset within ±1e+06",
+           "1 and -1e+07 along slide, bend", row=False),
+    Misuse("visual with a colour of three numbers", ('<link name="base"/>', '<link name="base">'
+           '<visual><geometry><sphere radius="1"/></geometry><material name="red">'
+           '<color rgba="1 0 0"/></material></visual></link>'),
+           '<link name="base"><visual><material name="red"><color>', "four numbers as rgba",
+           "1 0 0"),
+    Misuse("collision with a negative radius", ('<link name="base"/>', '<link name="base">'
+           '<collision><geometry><sphere radius="-1"/></geometry></collision></link>'),
+           '<link name="base"><collision><geometry><sphere>', "radius >= 0", "-1", row=False),
     Misuse("unknown attribute of a mimic", mimic('<mimic joint="bend" ratio="2"/>'),
            '<joint name="slide"><mimic>', "no attribute but joint, multiplier, offset", "ratio"),
     Misuse("a multiplier that is no number", mimic('<mimic joint="bend" multiplier="x"/>'),
@@ -691,7 +705,11 @@ SENSORS = [
            "a unique sensor name", "a second 's'"),
     Misuse("sensor without a type", sensor('joint="bend"'), SENSOR, 'attribute type="…"', "none"),
     Misuse("unknown type", sensor('type="angle" joint="bend"'), SENSOR,
-           "type length, tension, position, pose, gyro, accelerometer or joint", "'angle'"),
+           "type length, tension, position, pose, gyro, accelerometer, joint or bend", "'angle'"),
+    Misuse("bend of one link", sensor('type="bend" link="pad" to="pad"'), SENSOR,
+           "to another link than 'pad'", "'pad'"),
+    Misuse("bend without its second link", sensor('type="bend" link="pad"'), SENSOR,
+           'attribute to="…"', "none"),
     Misuse("sensor without its member", sensor('type="length"'), SENSOR, 'attribute tendon="…"',
            "none"),
     Misuse("another type's member", sensor('type="length" tendon="cable" link="pad"'), SENSOR,

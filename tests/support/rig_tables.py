@@ -20,7 +20,13 @@ START = (
 END = "<!-- end of rig -->"
 LINE = re.compile(r"^(?P<names>\w[\w, ]*) : .*\n(?P<text>(?:    .*\n?)+)", re.M)
 IN_FILE = {"kind": "type"}
-DEFAULTS = {"gear": "1", "tendon": "required", "link": "required", "joint": "required"}
+DEFAULTS = {
+    "gear": "1",
+    "tendon": "required",
+    "link": "required",
+    "joint": "required",
+    "to": "required",
+}
 
 
 def described(part: type) -> Iterator[tuple[list[str], str]]:

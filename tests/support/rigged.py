@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -98,6 +99,11 @@ def measured(model: SoftModel) -> SoftModel:
         Sensor(f"{kind.value} {k}", kind, **place)
         for kind in (KIND.POSE, KIND.GYRO, KIND.ACCELEROMETER, KIND.POSITION)
         for k, place in enumerate(places)
+    ]
+    sensors += [
+        Sensor(f"bend {k}", KIND.BEND, link=one["link"], to=other["link"], rpy=one["rpy"])
+        for k, (one, other) in enumerate(pairwise(places))
+        if one["link"] != other["link"]
     ]
     sensors = [sensors[k] for k in rng.permutation(len(sensors))]
     return _rebuilt(model, tendons=tendons, sensors=tuple(sensors))

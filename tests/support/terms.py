@@ -121,15 +121,17 @@ def evaluate(robot: Neutral, states: States) -> Terms:
     lifted = _uplift(robot, placed, S, owner)
     bias, g = bias - lifted, np.einsum("sin,i->sn", momenta, base) - lifted
     move = _Motion(placed, S, owner, _ancestors(robot), velocity, acceleration - base)
-    for tendon in robot.cables:
+    arms = np.zeros((samples, len(robot.cables), n))
+    for k, tendon in enumerate(robot.cables):
+        arms[:, k], rate = _tendon_row(robot, move, tendon)
+        row = arms[:, k]
         if tendon.armature:  # none wraps a shape, as MuJoCo refuses that
-            row, rate = _tendon_row(robot, move, tendon)
             added = tendon.armature * row[:, :, None] * row[:, None, :]
             M += np.where(carried | carried.T, added, 0.0)
             bias += tendon.armature * rate[:, None] * row
     tips, J = _tips(robot, placed, S, owner)
     ways = lengths(robot, states)
-    return Terms(M, bias, g, J, tips, np.array([*ways.values()]).reshape(-1, samples).T)
+    return Terms(M, bias, g, J, tips, np.array([*ways.values()]).reshape(-1, samples).T, arms)
 
 
 @dataclass(frozen=True, eq=False)

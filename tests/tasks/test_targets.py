@@ -16,7 +16,7 @@ from softdyn.tasks import (
     Target,
     Turns,
     Waypoints,
-    recorded_paths,
+    read_paths,
 )
 from softdyn.tasks.targets import exp3
 
@@ -91,7 +91,7 @@ def test_a_recorded_path_is_read_back(tmp_path):
     table = np.column_stack((table, joints, turns, POINTS))
     names += ",joints.0,joints.1,pose.rx,pose.ry,pose.rz,pose.x,pose.y,pose.z"
     np.savetxt(file, table, "%.17g", ",", header=names, comments="")
-    paths = recorded_paths(file)
+    paths = read_paths(file)
     assert set(paths) == {"tip", "hand", "tip.axis", "joints", "pose"}
     np.testing.assert_array_equal(paths["pose"].times, TIMES)
     for t, point, turn, row in zip(TIMES, POINTS, turns, joints, strict=True):
@@ -114,7 +114,7 @@ def test_a_damaged_recording_is_one_line_that_names_the_file(text, tmp_path):
     file = tmp_path / "path.csv"
     file.write_text(text)
     with pytest.raises(InputError) as caught:
-        References(recorded_paths(file) | {"tip": SetPoint([0, 0, 0])})
+        References(read_paths(file) | {"tip": SetPoint([0, 0, 0])})
     assert "path.csv" in str(caught.value)
 
 

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import design
+from softdyn import SetPoint, design
+from softdyn.controllers import Command, LogChannel
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.description.robot import input_unit
 from softdyn.tasks import AxisTask, PoseTask, References
 from softdyn.tasks.marks import marks_of, numbers_at, stacked
 from softdyn.validation import Log, paper, simulate
 from softdyn.validation.loop.logged_robot import LoggedRobot
-from softdyn.validation.loop.pictures.replay import comparison, replay
+from softdyn.validation.loop.pictures.replay import replay, show_runs
 from softdyn.view.live.channel import Channel
 from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
@@ -86,6 +87,37 @@ def test_a_replay_file_shows_the_robot_move_and_talks_to_nobody(browser, logs, t
     assert browser.requests
     assert {url.partition(":")[0] for url in browser.requests} <= {"file", "data", "blob"}
     assert [url for url in browser.requests if url.startswith("file")] == [file.as_uri()]
+
+
+def test_channels_of_one_s_own_have_a_chart_and_the_value_of_the_moment(browser, tmp_path):
+    model = softdyn.load("finger")
+
+    def law(state, reference):
+        k = float(law.calls)
+        law.calls += 1
+        values = {"counted": [k, -2 * k] if k < 60 else [np.nan, 0.0], "side": "left"}
+        return Command(np.zeros(model.nu), values=values)
+
+    law.calls = 0
+    law.channels = (
+        LogChannel.of("counted", [("up", ""), ("down", "m")]), LogChannel("side", text=True),
+    )  # fmt: skip
+    log = simulate(model, law, SetPoint([0.1, 0.0, -0.1]), duration=0.5)
+    replay(log, model).save(tmp_path / "channels.html")
+    browser.open((tmp_path / "channels.html").as_uri() + "#pause")
+    told = "[...document.querySelectorAll('#channels p')].map(p => p.textContent)"
+    browser.run(f"(softdyn.seek({log.t[40]}), 1)")
+    up, down, side = browser.run(told)
+    k = float(up.removeprefix("counted.up"))  # of the frame before
+    assert 30 <= k <= 40
+    assert float(down.removeprefix("counted.down (m)")) == -2 * k
+    assert side == "sideleft"
+    browser.run(f"(softdyn.seek({log.t[90]}), 1)")
+    assert browser.run(told)[0] == "counted.up–"
+    drawn = "document.querySelector('#channels canvas').getContext('2d')"
+    assert browser.run(f"{drawn}.getImageData(0, 0, 200, 40).data.some(x => x > 0)")
+    assert browser.run("softdyn.strips[0].chart.low") == pytest.approx(-118.0, abs=8)
+    assert browser.console == []
 
 
 def test_the_page_s_kinematics_and_cables_are_the_model_s(browser, logs, tmp_path):
@@ -219,7 +251,7 @@ def test_a_comparison_shows_every_run_with_its_name(browser, logs, tmp_path):
     model, runs = logs
     for beside in (False, True):
         file = tmp_path / "both.html"
-        page = comparison(runs, [model, model], side_by_side=beside)
+        page = show_runs(runs, [model, model], side_by_side=beside)
         file.write_text(page.html(), encoding="utf-8")
         browser.open(file.as_uri() + "#pause")
         names = browser.run(texts("#legend li:not(.tip) b"))

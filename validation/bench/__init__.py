@@ -6,6 +6,7 @@
 - `plant`: a driver as the plant of a loop
 - `watchdog`: a process that relaxes the rig if the loop's process dies or blocks
 - `supervisor`: a process that has an exit code if the loop's process is killed
+- `signals`: Ctrl-C and other signals in a run: noted, and asked for before anything moves
 - `drive`: one run on a rig
 - `pulled_cable`: the curve of tension of one cable, and the zeros that fit it
 - `zeroing`: the offsets of winches and the biases of encoders, by pulling each cable

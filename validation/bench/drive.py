@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import copy
 import gc
-import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from threading import Event, Thread, current_thread, main_thread
+from threading import Event, Thread
 from typing import Any
 
 import numpy as np
 from tqdm.auto import tqdm
 
 from softdyn import InputError, SoftModel, State
-from softdyn.actuation import CommandKind, Winches
+from softdyn.actuation import Winches
 from softdyn.checks import array, number
 from softdyn.dynamics.model import check_model
 from softdyn.estimation import Ekf, Observer
@@ -26,18 +26,16 @@ from softdyn.validation.bench.clock import MONOTONIC, Deadlines, TimeSource
 from softdyn.validation.bench.driver import Driver, another, check_driver
 from softdyn.validation.bench.fail_safe import FailSafe, RigLimits, Stop, StopCause
 from softdyn.validation.bench.plant import RealRig, SeeingObserver, rest_pose
-from softdyn.validation.bench.watchdog import LATE, Watchdog, shared
-from softdyn.validation.loop.arguments import ReferenceLike, RunOptions, nowhere
+from softdyn.validation.bench.signals import Signals, limited
+from softdyn.validation.bench.watchdog import LATE, STOP, Watchdog, shared
+from softdyn.validation.files import save_somewhere
+from softdyn.validation.loop.arguments import ReferenceLike, nowhere
 from softdyn.validation.loop.closed_loop import ClosedLoop, Controller
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.record import ControlStep
+from softdyn.validation.loop.settings import RunOptions
 
-SIGNALS = {
-    signal.SIGINT: StopCause.CTRL_C,
-    signal.SIGTERM: StopCause.TERMINATED,
-    signal.SIGHUP: StopCause.HUNG_UP,
-}
 SWITCH = 1e-4  # s; another thread gives the interpreter back after so long
 COLLECT = 1.0  # s between two collections of garbage, in the idle part of a period
 IDLE = 0.5  # of a period that must be left for one
@@ -59,26 +57,15 @@ class DriveResult:
         The same in a sentence; empty at the planned end.
     error : BaseException or None
         An exception of the user's code that stopped it.
+    finished : bool
+        Whether it came to its planned end, even if the driver's `stop` failed afterwards.
     """
 
     log: Log
     cause: StopCause
     reason: str
     error: BaseException | None = None
-
-
-@dataclass
-class _Heard:
-    """The first signal that came; before the first period it stops the run at once."""
-
-    cause: StopCause | None = None
-    running: bool = False
-
-    def __call__(self, number: int, _: Any) -> None:
-        first = self.cause is None
-        self.cause = self.cause or SIGNALS[signal.Signals(number)]
-        if first and not self.running:
-            raise Stop(self.cause, self.cause.value)
+    finished: bool = False
 
 
 def drive(
@@ -131,7 +118,8 @@ class Drive:
     The constructor opens nothing. It prepares the controller for the reference. The estimate begins
     where the arm rests: at the equilibrium under the relaxed input. `run` calls copies
     of controller and observer, so that everything is compiled. Then it starts the driver, keeps the
-    period, and always ends with ``driver.stop()``.
+    period, and always ends with ``driver.stop()``. A `stop` that does not return is interrupted
+    after 2 s, and tried a second time.
 
     Parameters
     ----------
@@ -229,7 +217,11 @@ class Drive:
         self._safe.clear()
 
     def run(
-        self, *, progress: bool = False, on_step: Callable[[ControlStep], None] | None = None
+        self,
+        *,
+        progress: bool = False,
+        on_step: Callable[[ControlStep], None] | None = None,
+        signals: Signals | None = None,
     ) -> DriveResult:
         """Run to the planned end, or until something stops it.
 
@@ -239,36 +231,48 @@ class Drive:
             Show a bar on stderr if that is a terminal.
         on_step : Callable[[ControlStep], None], optional
             Called after each control step, in the idle part of its period.
+        signals : Signals, optional
+            Those that the caller hears already, and goes on to hear after the run.
         """
-        heard, error = _Heard(), None
-        watchdog = self._watchdog()
+        heard = Signals() if signals is None else signals
+        error: BaseException | None = None
         cause, reason = StopCause.END, ""
-        try:
-            with _signals(heard), _quiet_interpreter(), self._progress(progress):
-                try:
-                    self._warm()
-                    self._rig.open()
-                    self._steps(heard, watchdog, on_step)
-                    self._relax(heard, watchdog)
-                except Stop as stop:
-                    cause, reason = stop.cause, stop.reason
-                    error = stop.__cause__
-                except KeyboardInterrupt:  # raised by hand, in a thread without signals
-                    cause, reason = StopCause.CTRL_C, StopCause.CTRL_C.value
-                except BaseException as fault:
-                    cause, error = StopCause.CONTROLLER, fault
-                    reason = one_line(f"controller: {type(fault).__name__}: {fault}", 300)
-                finally:
-                    left = self._stop()
-        finally:
-            if watchdog is not None:
-                watchdog.end()
+        with heard.heard():
+            watchdog = self._watchdog()
+            try:
+                with _quiet_interpreter(), self._progress(progress):
+                    try:
+                        heard.interrupting(partial(self._open, heard, watchdog))
+                        self._steps(heard, watchdog, on_step)
+                        self._relax(heard, watchdog)
+                    except Stop as stop:
+                        cause, reason = stop.cause, stop.reason
+                        error = stop.__cause__
+                    except KeyboardInterrupt:  # raised by hand, in a thread without signals
+                        cause, reason = StopCause.CTRL_C, StopCause.CTRL_C.value
+                    except BaseException as fault:
+                        cause, error = StopCause.CONTROLLER, fault
+                        reason = one_line(f"controller: {type(fault).__name__}: {fault}", 300)
+                    finally:
+                        left = self._stop(watchdog)
+            finally:
+                if watchdog is not None:
+                    watchdog.end()
+        finished = cause is StopCause.END
         if left is not None:  # whatever else has stopped the run: the rig may still pull
             failed = f"stop(): {left}; relax the rig by hand"
-            if cause is StopCause.END:
+            if finished:
                 cause, error = StopCause.DRIVER, left
             reason = one_line("; ".join(filter(None, (reason, failed))), 300)
-        return DriveResult(self.log(cause, reason), cause, reason, error)
+        return DriveResult(self.log(cause, reason), cause, reason, error, finished)
+
+    def _open(self, heard: Signals, watchdog: Watchdog | None) -> None:
+        """Warm up, start the driver, and wait for the first readings."""
+        self._warm()
+        heard.check()
+        if watchdog is not None:
+            watchdog.opening()
+        self._rig.open(heard.check)
 
     def log(self, cause: StopCause, reason: str) -> Log:
         """The run so far, with what has stopped it."""
@@ -276,27 +280,29 @@ class Drive:
             self.loop.stopped(reason)
         return self.loop.log()
 
-    def _stop(self) -> Exception | None:
+    def _stop(self, watchdog: Watchdog | None) -> BaseException | None:
         """Relax the rig; a second try if the first fails."""
+        self._count()
+        if watchdog is not None:
+            watchdog.stopping()
         for _ in range(2):
             try:
-                self._driver.stop()
-            except Exception as error:
-                fault: Exception = error
+                limited(self._driver.stop, STOP)
+            except BaseException as error:
+                fault = error
             else:
                 return None
         return fault
 
     def _steps(
         self,
-        heard: _Heard,
+        heard: Signals,
         watchdog: Watchdog | None,
         on_step: Callable[[ControlStep], None] | None,
     ) -> None:
         """All control periods."""
         loop, clock = self.loop, self.clock
         collect = self._now() + COLLECT
-        heard.running = True
         while True:
             for _ in range(self._wait(heard, watchdog)):
                 loop.hold(clock=np.nan, missed=1.0)
@@ -310,10 +316,11 @@ class Drive:
             if self._now() > collect and clock.left > IDLE * clock.period:
                 gc.collect()
                 collect = self._now() + COLLECT
+        self._count()
         if loop.steps < loop.grid.steps:
             raise Stop(self._why(), loop.reason or "")
 
-    def _wait(self, heard: _Heard, watchdog: Watchdog | None) -> int:
+    def _wait(self, heard: Signals, watchdog: Watchdog | None) -> int:
         """Wait for the next period; the number of those that are left out before it."""
         clock, rig = self.clock, self._rig
         before = clock.missed
@@ -333,14 +340,13 @@ class Drive:
             return StopCause.COMMAND
         return StopCause.DIVERGED
 
-    def _alive(self, heard: _Heard, watchdog: Watchdog | None) -> None:
+    def _alive(self, heard: Signals, watchdog: Watchdog | None) -> None:
         """Give the heartbeat; stop after a signal, or without the watchdog."""
-        if heard.cause is not None:
-            raise Stop(heard.cause, heard.cause.value)
+        heard.check()
         if watchdog is not None and not watchdog.beat():
             raise Stop(StopCause.WATCHDOG, "the watchdog's process has ended")
 
-    def _relax(self, heard: _Heard, watchdog: Watchdog | None) -> None:
+    def _relax(self, heard: Signals, watchdog: Watchdog | None) -> None:
         """Let the commands fall, for `RigLimits.ramp` seconds after the planned end."""
         loop, rig = self.loop.loop, self._rig
         steps, done = round(self.limits.ramp / self.clock.period), 0
@@ -367,16 +373,22 @@ class Drive:
         return Watchdog(self._spare, late, self._save)
 
     def _count(self) -> None:
-        self._counted[0] = self.loop.steps
+        self._counted[0] = self.loop.samples
 
     def _save(self, reason: str) -> None:
         """Write the log in the watchdog's process."""
-        if self._log_to is None:
+        if self._log_to is None or not self._counted[0]:
             return
         self.loop.resume_at(int(self._counted[0]))
         log, path = self.log(StopCause.WATCHDOG, reason), str(self._log_to)
-        (log.to_csv if path.endswith(".csv") else log.save)(path)
-        print(f"wrote {path}: the run up to t = {log.t[-1]:.4g} s", file=sys.stderr, flush=True)
+        try:
+            path, lost = save_somewhere(log.to_csv if path.endswith(".csv") else log.save, path)
+        except InputError as error:
+            said = f"error: {error}; the log is lost"
+        else:
+            said = f"wrote {path}: the run up to t = {log.t[-1]:.4g} s"
+            said += f"; error: {lost}" if lost else ""
+        print(said, file=sys.stderr, flush=True)
 
     @contextmanager
     def _progress(self, shown: bool) -> Iterator[None]:
@@ -407,8 +419,7 @@ class _Held:
 
     def __init__(self, model: SoftModel, commands: np.ndarray) -> None:
         self._winches, self._commands, self.u = Winches(model), commands, np.zeros(model.nu)
-        speeds = [actuator.command is CommandKind.VELOCITY for actuator in model.robot.actuators]
-        self._forces = ~np.array(speeds, bool)
+        self._forces = ~model.robot.speeds
 
     def __call__(self, state: State, reference: Any) -> _Held:
         """The forces at a state; those of velocities are not known."""
@@ -440,26 +451,10 @@ def hold_commands(model: SoftModel, commands: Any, driver: Driver, **options: An
     winches = Winches(model)
     bounds = zip(model.robot.actuators, values, winches.lower, winches.upper, strict=True)
     for actuator, value, lower, upper in bounds:
-        if actuator.command is not CommandKind.VELOCITY and not lower <= value <= upper:
+        if not actuator.is_speed and not lower <= value <= upper:
             expected = f"a command of {actuator.name!r} from {lower:g} to {upper:g}"
             raise InputError("hold", expected, f"{value:g}")
     return Drive(model, _Held(model, values), nowhere, driver, hold=values, **options)
-
-
-@contextmanager
-def _signals(heard: _Heard) -> Iterator[None]:
-    """Let `heard` have Ctrl-C, SIGTERM and SIGHUP; a second one must not interrupt the end."""
-    if current_thread() is not main_thread():
-        yield
-        return
-    before = {number: signal.signal(number, heard) for number in SIGNALS}
-    # a closed pipe, of the watchdog or the rig, must be an error, and not the end of the process
-    before[signal.SIGPIPE] = signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager

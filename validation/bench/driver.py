@@ -27,7 +27,8 @@ class Driver(Protocol):
     def read(self) -> tuple[Any, Any]:
         """The newest readings (k,), and their times of measurement (k,) in `time.monotonic()` (s).
 
-        A value is NaN where nothing is new. It must not wait for a reading.
+        A value is NaN where nothing is new; one that is not finite counts as none. It must not wait
+        for a reading.
         """
 
     def send(self, commands: np.ndarray) -> None:
@@ -90,7 +91,8 @@ def another(driver: Driver, model: SoftModel) -> Driver:
 class NewestReadings:
     """The newest value of every reading, with its time of measurement.
 
-    A stamp that is not newer than the last one of its reading brings nothing.
+    A stamp that is not newer than the last one of its reading brings nothing, and neither does a
+    value that is not finite.
 
     Parameters
     ----------
@@ -128,7 +130,7 @@ class NewestReadings:
         for name, array in zip(("values", "stamps"), found, strict=True):
             if array.shape != (size,):
                 raise InputError(f"read(): {name}", f"{size} numbers", f"shape {array.shape}")
-        given = ~np.isnan(found[0]) & ~np.isnan(found[1])
+        given = np.isfinite(found[0]) & ~np.isnan(found[1])
         if (found[1][given] > now + FUTURE).any():
             latest = float(found[1][given].max())
             raise InputError(

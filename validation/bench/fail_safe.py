@@ -12,9 +12,9 @@ from scipy.special import chdtri
 
 from softdyn import InputError, SoftModel
 from softdyn.checks import number, whole
-from softdyn.description.rig import SensorKind
+from softdyn.description.readings import ReadingLayout, SampledSensor
+from softdyn.description.rig import Sensor, SensorKind
 from softdyn.validation.bench.driver import NewestReadings
-from softdyn.validation.twin.readings import component_names
 
 SURE = 1e-6  # chance that a consistent filter counts as lost
 DEVIATIONS = 6.0  # of a tension sensor's noise beyond the bound of its motors
@@ -68,7 +68,8 @@ class RigLimits:
     Attributes
     ----------
     stale : float
-        Largest age of a reading (s), from its measurement.
+        Largest age of a reading (s), from its measurement, and the longest time in which the
+        observer may use no reading of a component.
     missed : int
         Number of missed deadlines in a row at which the run stops.
     lost : float
@@ -122,30 +123,26 @@ class FailSafe:
 
     def __init__(self, model: SoftModel, limits: RigLimits, period: float) -> None:
         self.limits, self.falling, sensors = limits, False, model.robot.sensors
-        self.names = component_names(sensors)
+        layout = ReadingLayout(sensors)
+        self.names = layout.names
         for sensor in sensors:
-            oldest = sensor.latency + (1 / sensor.rate if sensor.rate > 0 else 0.0)
+            oldest = SampledSensor.of(sensor).oldest
             if oldest >= limits.stale:
                 expected = (
                     f"more than {oldest:g} s, the latency and the interval of {sensor.name!r}"
                 )
                 raise InputError("stale", expected, limits.stale)
-        self._lower, self._upper = (
-            np.concatenate([
-                np.broadcast_to(getattr(sensor, name), sensor.kind.size) for sensor in sensors
-            ] or [np.zeros(0)])
-            for name in ("lower", "upper")
-        )  # fmt: skip
-        self._pull = np.concatenate(
-            [np.full(s.kind.size, _most(model, s)) for s in sensors] or [np.zeros(0)]
-        )
+        self._lower, self._upper = layout.field("lower"), layout.field("upper")
+        self._pull = layout.spread(_most(model, sensor) for sensor in sensors)
         self._innovations: deque[tuple[float, int]] = deque(
             maxlen=max(round(limits.lost / period), 1)
         )
+        self.clear()
 
     def clear(self) -> None:
-        """Forget all innovations."""
+        """Forget all innovations, and which readings were used."""
         self._innovations.clear()
+        self._used_at: np.ndarray | None = None
 
     def readings(self, read: NewestReadings, now: float) -> None:
         """Stop at a reading that is too old at the time `now` (s), or out of its limits."""
@@ -184,6 +181,24 @@ class FailSafe:
             text = f"innovations of {total:.3g} in {count} readings: the estimate is lost"
             raise Stop(StopCause.LOST, text)
 
+    def used(self, estimate: Any, values: np.ndarray, t: float) -> None:
+        """At t (s), stop if the observer has long used no reading of a component.
+
+        An observer says by finite `residuals` (k,) which readings it has used; others are not
+        judged. `values` (k,) are the newest readings.
+        """
+        residuals = np.asarray(getattr(estimate, "residuals", ()))
+        if residuals.shape != (len(self.names),) or self.falling:
+            return
+        before = np.full(len(self.names), t) if self._used_at is None else self._used_at
+        self._used_at = np.where(np.isfinite(residuals), t, before)
+        blind = t - self._used_at > self.limits.stale
+        if blind.any():
+            k = int(np.argmax(blind))
+            text = f"the observer has used no reading {self.names[k]}"
+            text = f"{text} for {1e3 * (t - self._used_at[k]):.0f} ms; the last is {values[k]:.6g}"
+            raise Stop(StopCause.STALE, text)
+
     def deadlines(self, in_a_row: int) -> None:
         """Stop after too many missed deadlines in a row."""
         if in_a_row >= self.limits.missed:
@@ -195,7 +210,7 @@ class FailSafe:
             raise Stop(StopCause.COMMAND, f"commands {commands.tolist()}")
 
 
-def _most(model: SoftModel, sensor: Any) -> float:
+def _most(model: SoftModel, sensor: Sensor) -> float:
     """The largest tension (N) that a sensor may read, by the bounds of its tendon's motors."""
     if sensor.kind is not SensorKind.TENSION:
         return np.inf
@@ -205,4 +220,4 @@ def _most(model: SoftModel, sensor: Any) -> float:
         return np.inf
     motors = [one for one in robot.actuators if one.tendon == sensor.tendon]
     bound = sum(max(abs(one.gear * one.lower), abs(one.gear * one.upper)) for one in motors)
-    return bound * (1 + MARGIN) + DEVIATIONS * max(sensor.noise)
+    return bound * (1 + MARGIN) + DEVIATIONS * max(sensor.noise) + float(sensor.bias[0])

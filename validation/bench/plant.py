@@ -11,16 +11,18 @@ from typing import Any
 import numpy as np
 
 from softdyn import SoftModel, State
-from softdyn.actuation import CommandKind, Winches
+from softdyn.actuation import Winches
+from softdyn.controllers.channels import LogChannel
+from softdyn.description.readings import ReadingLayout
 from softdyn.estimation import Observer
 from softdyn.exceptions import one_line
 from softdyn.statics import StaticsError, rest
 from softdyn.validation.bench.clock import MONOTONIC, TimeSource
 from softdyn.validation.bench.driver import Driver, NewestReadings
 from softdyn.validation.bench.fail_safe import FailSafe, Stop, StopCause
-from softdyn.validation.channels import LogChannel, inputs, positions, rates
+from softdyn.validation.channels import inputs, positions, rates
 from softdyn.validation.loop.arguments import starting_pose
-from softdyn.validation.twin.readings import command_units, component_names, component_units
+from softdyn.validation.twin.readings import command_units
 
 FIRST_READINGS = 3.0  # s for every sensor's first reading after `start`
 SOONEST = 1e-6  # s between two estimates
@@ -104,11 +106,11 @@ class RealRig:
         robot = model.robot
         self._model, self._driver, self._safe, self._period = model, driver, safe, period
         self._winches, self._hold, self._source = Winches(model), hold, source
-        self._speeds = np.array([a.command is CommandKind.VELOCITY for a in robot.actuators], bool)
+        self._speeds = robot.speeds
         self._told: Callable[[np.ndarray], None] | None = getattr(controller, "applied", None)
-        names = component_names(robot.sensors)
-        self.read = NewestReadings(len(names))
-        self.relaxed = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
+        readings = ReadingLayout(robot.sensors)
+        self.read = NewestReadings(readings.size)
+        self.relaxed = model.relaxed
         self.begin, self.late, self.missed, self._steps = 0.0, 0.0, 0, 0
         self.sent_at = 0.0
         self.settings: Mapping[str, Any] = {"contacts": True, "plant": type(driver).__name__}
@@ -116,11 +118,11 @@ class RealRig:
         self.channels = (
             LogChannel.of("command", zip(motors, command_units(robot), strict=True), held=True),
             LogChannel.of("acting", inputs(model)),
-            LogChannel.of("measured", zip(names, component_units(robot), strict=True)),
+            LogChannel.of("measured", zip(readings.names, readings.units(robot), strict=True)),
             LogChannel.of("q_seen", positions(model), held=True),
             LogChannel.of("v_seen", rates(model), held=True),
             LogChannel("clock", units=("s",)),
-            LogChannel.of("stamps", [(name, "s") for name in names], "stamp"),
+            LogChannel.of("stamps", [(name, "s") for name in readings.names], "stamp"),
             LogChannel("missed"),
         )
         self.start(model.q0, np.zeros(model.nv))
@@ -134,8 +136,13 @@ class RealRig:
         self._first = self.sent = np.where(self._speeds, 0.0, self._free)
         self.acting, self._steps = self.relaxed, 0
 
-    def open(self) -> None:
+    def open(self, check: Callable[[], None] = lambda: None) -> None:
         """Start the driver, and wait for every sensor's first reading.
+
+        Parameters
+        ----------
+        check : Callable[[], None]
+            Called meanwhile; it stops the run by an exception.
 
         Raises
         ------
@@ -144,9 +151,11 @@ class RealRig:
         """
         with blamed(StopCause.DRIVER, "start()"):
             self._driver.start()
+        check()
         patience = self._source.now() + FIRST_READINGS
         while np.isnan(self.read.stamps).any() and self._source.now() < patience:
             self._take()
+            check()
             self._source.sleep(PAUSE)
         self._take()
         self._safe.readings(self.read, self._source.now())
@@ -269,5 +278,6 @@ class SeeingObserver:
             estimate = self.observer.step(t, read.new, u, **more)
             if not (np.isfinite(estimate.q).all() and np.isfinite(estimate.v).all()):
                 raise ValueError("an estimate that is not finite")
+        self._safe.used(estimate, read.values, t)
         self._safe.estimate(estimate, t)
         return estimate

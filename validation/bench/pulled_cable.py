@@ -9,7 +9,8 @@ reads is a known function f of the free length, zero where the cable is slack:
 A fit finds z, the sensor's zero t₀, and a factor s. The factor takes up the friction of the cable,
 which has other signs in both directions, and an error of the arm's stiffness. The bend of the
 curve, where the cable tightens, gives z. An encoder's bias is its reading less ℓ, on the line
-through the taut readings where the tension is zero.
+through the taut readings where the tension is zero. A reading that does not follow ℓ is refused: an
+encoder of another cable, one that stands still, one in millimetres.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from scipy.optimize import least_squares
 
 from softdyn import InputError, SoftModel
 from softdyn.actuation import CommandKind, Winches
+from softdyn.description.readings import ReadingLayout
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.statics import StaticsError, settle
 from softdyn.validation.bench.fail_safe import Stop, StopCause
@@ -29,6 +31,8 @@ TAUT = 0.02  # of a pull, the least tension of a taut cable
 PULL = 12.0  # of these deviations, the least pull
 TENSIONS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0)  # of a pull, in the model's curve
 FEWEST = 20  # readings of a fit
+SLOPE = 0.5  # a reading that follows its model by less than this, or twice as much, is another's
+FACTOR = 5.0  # of the tension; friction makes some tens of per cent, a wrong unit 9.81 or 1000
 
 
 class PulledCable:
@@ -50,6 +54,8 @@ class PulledCable:
         Name and number of the winch.
     load : int
         The row of its tension among the readings.
+    bias : float
+        The stated error (N) of this reading.
     encoders : dict of str to int
         The row of each of its encoders, by its name.
     pull, taut : float
@@ -70,14 +76,17 @@ class PulledCable:
         if motor.command is not CommandKind.LENGTH:
             expected = f'command="length" of {motor.name!r}, whose zero is a length'
             raise InputError("zero", expected, f'command="{motor.command.value}"')
-        rows = dict(_rows(model.robot.sensors))
+        rows = ReadingLayout(model.robot.sensors).rows
         own = [s for s in model.robot.sensors if s.tendon == motor.tendon]
         loads = [s for s in own if s.kind is SensorKind.TENSION]
         if not loads:
             expected = f'a <sensor type="tension"> on tendon {motor.tendon!r}'
             raise InputError("zero", expected, "none")
-        self.load, noise = rows[loads[0].name], max(loads[0].noise)
-        self.encoders = {s.name: rows[s.name] for s in own if s.kind is SensorKind.LENGTH}
+        self.load, noise = rows[loads[0].name].start, max(loads[0].noise)
+        self.bias = loads[0].bias[0]
+        encoders = [s for s in own if s.kind is SensorKind.LENGTH]
+        self.encoders = {s.name: rows[s.name].start for s in encoders}
+        self._errors = [(s.name, max(s.noise), max(s.resolution)) for s in encoders]
         most = max(abs(motor.gear * motor.lower), abs(motor.gear * motor.upper))
         least = PULL * noise
         self.pull = max(SHARE * most, least) if pull is None else pull
@@ -91,7 +100,7 @@ class PulledCable:
 
     def _curve(self, model: SoftModel, gear: float, stiffness: float, load: Sensor) -> None:
         """The equilibria under a pull at this cable alone."""
-        relaxed = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
+        relaxed = model.relaxed
         tendon, q, rows = Winches(model).tendon[self.k], None, []
         for tension in self.pull * np.array(TENSIONS):
             u = relaxed.copy()
@@ -147,6 +156,8 @@ class PulledCable:
         offset, factor, _ = least_squares(residual, start).x * scale
         if not (np.isfinite(offset) and factor > 0):
             raise self.refusal("its tension does not rise as the model's")
+        if not 1 / FACTOR <= factor <= FACTOR:
+            raise self.refusal(f"its tension rises {factor:.3g} times as much as the model's")
         return float(offset)
 
     def biases(self, rows: np.ndarray, offset: float) -> list[float]:
@@ -167,11 +178,26 @@ class PulledCable:
             found.append(float(np.polyfit(tension[used], error, 1)[1]))
         return found
 
+    def check_encoders(self, rows: np.ndarray, offset: float) -> None:
+        """Refuse an encoder that does not follow the model's length, from the rows of all pulls.
 
-def _rows(sensors: tuple[Sensor, ...]) -> list[tuple[str, int]]:
-    """The first component of each sensor among the readings."""
-    ends = np.cumsum([0, *(sensor.kind.size for sensor in sensors)]).tolist()
-    return [(sensor.name, row) for sensor, row in zip(sensors, ends, strict=False)]
+        Raises
+        ------
+        Stop
+            The readings change by far less or more than the length, beyond noise and resolution.
+        """
+        free = rows[:, 0] + offset
+        taut = self.tension(free) > 0
+        for column, (name, noise, resolution) in zip(rows.T[2:], self._errors, strict=True):
+            used = taut & ~np.isnan(column)
+            length = self.length(free[used])
+            away = length - length.mean()
+            slope = float(away @ column[used] / (away @ away))
+            unsure = DEVIATIONS * noise / float(np.linalg.norm(away))
+            unsure += resolution / float(np.ptp(length))
+            if not SLOPE - unsure <= slope <= 1 / SLOPE + unsure:
+                text = f"its encoder {name!r} changes by {slope:.3g} of the model's length"
+                raise self.refusal(f"{text}: it stands still, is another's, or has another unit")
 
 
 def _extended(x: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.ndarray:

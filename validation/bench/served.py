@@ -12,7 +12,10 @@ and gets, every two milliseconds, the readings that are new:
 
     {"values": [0.12, null, …], "stamps": [1234.5, null, …]}
 
-with stamps in `time.monotonic()`. The rig is the twin with the motors and sensors of its file. It
+with stamps in `time.monotonic()`. What cannot be done is answered by ``{"error": …}``: commands
+beyond the bounds of their motors, and those of a second program while another one drives the rig,
+which is the first that sent commands and is still connected. A refused program cannot stop the rig
+either. The rig is the twin with the motors and sensors of its file. It
 begins at rest, with relaxed motors.
 Commands act on if their sender goes away, as those of real motor drives do.
 """
@@ -27,13 +30,15 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from softdyn import InputError, SoftModel
+from softdyn.actuation import Winches
 from softdyn.checks import did_you_mean, number, vector
-from softdyn.description.rig import CommandKind
+from softdyn.description.readings import ReadingLayout, SampledSensor
 from softdyn.exceptions import one_line
 from softdyn.validation.bench.plant import rest_pose
 from softdyn.validation.twin.rig import Rig, RiggedPlant
@@ -41,12 +46,30 @@ from softdyn.view.loopback import listener
 
 TICK = 0.002  # s between two readings of sensors without a rate
 BEHIND = 0.1  # s; if the simulation is later than this, its time stands still meanwhile
-SAME = 1e-3  # of a sampling interval
 FAULTS = ("none", "lose", "delay", "repeat", "freeze", "die")
 BROKEN = ("cut", "jam")  # faults of motors
 LONGEST_DELAY = 10.0  # s
 MOST_WAITING = 1 << 20  # bytes that a client has not read; more ends it
 MOST_CLIENTS = 16
+MOST = 1e6  # the largest length (m) or speed (m/s) of a command whose motor has no bound
+ROUNDING = 1e-9  # of a command, in its unit
+
+
+@dataclass
+class _Client:
+    """A program at the other end of a connection.
+
+    Attributes
+    ----------
+    heard, waiting : bytearray
+        What it has begun to say, and what it has not read yet.
+    refused : bool
+        Whether it has sent commands to a rig that another program drives.
+    """
+
+    heard: bytearray = field(default_factory=bytearray)
+    waiting: bytearray = field(default_factory=bytearray)
+    refused: bool = False
 
 
 class Faults:
@@ -61,7 +84,7 @@ class Faults:
     def __init__(self, model: SoftModel) -> None:
         sensors = model.robot.sensors
         self.names = [sensor.name for sensor in sensors]
-        self._owner = np.repeat(np.arange(len(sensors)), [sensor.kind.size for sensor in sensors])
+        self._owner = ReadingLayout(sensors).owners
         self.clear()
 
     def clear(self) -> None:
@@ -158,24 +181,28 @@ class ServedRig:
         self._model, self._clock = model, clock
         self._plant = RiggedPlant(Rig(seed=seed), model, TICK)
         self._plant.start(rest_pose(model), np.zeros(model.nv))
-        self._relaxed = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
+        self._relaxed = model.relaxed
+        winches = Winches(model)
+        self._bounds = [
+            np.clip(np.where(model.robot.speeds, sign * MOST, bound + sign * ROUNDING), -MOST, MOST)
+            for sign, bound in ((-1, winches.lower), (1, winches.upper))
+        ]
         self._commands: np.ndarray | None = None
         self._relaxed_at: float | None = None
         self._sent_at: float | None = None
         self._all, self._none = np.ones(model.nu, bool), np.zeros(model.nu, bool)
-        sizes = [sensor.kind.size for sensor in model.robot.sensors]
-        self._rates, self._latencies = (
-            np.repeat([getattr(sensor, name) for sensor in model.robot.sensors], sizes)
-            for name in ("rate", "latency")
-        )
-        self._number, self._nothing = np.full(sum(sizes), -np.inf), np.full(sum(sizes), np.nan)
+        self._layout = ReadingLayout(model.robot.sensors)
+        self._times = [SampledSensor.of(sensor) for sensor in model.robot.sensors]
+        self._taken = [-math.inf] * len(self._times)  # own times of the newest readings
+        self._nothing = np.full(self._layout.size, np.nan)
         self.faults, motor = Faults(model), self._plant.twin.model
         self._jammed = np.full(model.nu, np.nan)  # commands of motors that no longer move
         self._law = motor.actuator_gainprm.copy(), motor.actuator_biasprm.copy()
         self._listening = listener(port)
         self._listening.setblocking(False)
         self.port = int(self._listening.getsockname()[1])
-        self._clients: dict[socket.socket, tuple[bytearray, bytearray]] = {}
+        self._clients: dict[socket.socket, _Client] = {}
+        self._driving: tuple[socket.socket, int] | None = None  # a client, and its port
         self._steps, self._read, self._slipped, self.over = 0, 0, 0.0, False
         self._begin = clock()
 
@@ -201,8 +228,13 @@ class ServedRig:
             "relaxed_at": self._relaxed_at, "sent_at": self._sent_at, "slipped": self._slipped,
         }  # fmt: skip
 
-    def serve(self) -> None:
-        """Simulate and answer until the fault ``die``, or until `over` is set.
+    def serve(self, over: Callable[[], bool] = lambda: False) -> None:
+        """Simulate and answer until the fault ``die``, or until `over` is set or says so.
+
+        Parameters
+        ----------
+        over : Callable[[], bool]
+            Whether the command is to end.
 
         Raises
         ------
@@ -211,7 +243,7 @@ class ServedRig:
         """
         due = self._clock()
         try:
-            while not self.over:
+            while not (self.over or over()):
                 self._answer(max(due - self._clock(), 0.0))
                 if self._clock() < due:
                     continue
@@ -270,20 +302,17 @@ class ServedRig:
     def _readings(self) -> tuple[np.ndarray, np.ndarray]:
         """The readings (k,) that are new at the end of the last step, NaN for others; times."""
         t = self._steps * self.timestep
-        values, own = self._plant.sample()["measured"], t - self._latencies
-        sampled = self._rates > 0
-        rate = np.where(sampled, self._rates, 1.0)
-        found = np.floor(own * rate + SAME)
-        own = np.where(sampled, found / rate, own)
-        new = (~sampled | (found > self._number)) & (own >= 0)
-        self._number = np.maximum(found, self._number)
-        return np.where(new, values, np.nan), self._begin + own
+        values, own = self._plant.sample()["measured"], [one.own_time(t) for one in self._times]
+        new = [now >= 0 and now > last for now, last in zip(own, self._taken, strict=True)]
+        self._taken = own
+        values = np.where(self._layout.spread(new).astype(bool), values, np.nan)
+        return values, self._begin + self._layout.spread(own)
 
     # -- clients ---------------------------------------------------------------------------------
 
     def _answer(self, longest: float) -> None:
         """Take what the clients have sent, or wait for it so long (s)."""
-        writing = [one for one, (_, out) in self._clients.items() if out]
+        writing = [one for one, client in self._clients.items() if client.waiting]
         ready, free, _ = select.select([self._listening, *self._clients], writing, [], longest)
         for one in free:
             self._tell(one, b"")
@@ -296,7 +325,7 @@ class ServedRig:
                         continue
                     client.setblocking(False)
                     client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                    self._clients[client] = bytearray(), bytearray()
+                    self._clients[client] = _Client()
             elif one in self._clients:
                 self._listen(one)
 
@@ -307,7 +336,7 @@ class ServedRig:
             return
         except OSError:
             data = b""
-        heard = self._clients[client][0]
+        heard = self._clients[client].heard
         heard += data
         if not data or len(heard) > MOST_WAITING:
             self._leave(client)
@@ -315,19 +344,22 @@ class ServedRig:
         *lines, rest = bytes(heard).split(b"\n")
         heard[:] = rest
         for line in lines:
-            answer = self.obey(line)
-            if answer is not None:
+            answer = self.obey(line, client)
+            if answer is not None and client in self._clients:
                 self._tell(client, json.dumps(answer).encode() + b"\n")
 
-    def obey(self, line: bytes | str) -> dict[str, Any] | None:
-        """Do what a line of JSON says; an answer, if it has one."""
+    def obey(self, line: bytes | str, client: socket.socket | None = None) -> dict[str, Any] | None:
+        """Do what a line of JSON of a client says; an answer, if it has one."""
         try:
             said = json.loads(line)
             match said:
                 case {"send": values}:
-                    commands, now = vector("send", values, self._model.nu), self._clock()
+                    self._drives(client)
+                    commands, now = self._bounded(values), self._clock()
                     self._simulate(now)
                     self._commands, self._sent_at, self._relaxed_at = commands, now, None
+                case {"stop": True} if client and self._clients[client].refused:
+                    pass  # it is not this program's run that must stop
                 case {"stop": True}:
                     now = self._clock()
                     self._simulate(now)
@@ -346,9 +378,31 @@ class ServedRig:
                     return {"state": self.state()}
                 case _:
                     raise InputError("message", "send, stop, fault or ask", one_line(said))
-        except (ValueError, TypeError, RecursionError) as error:
+        except (ValueError, TypeError, RecursionError, OSError) as error:
             return {"error": one_line(error)}
         return None
+
+    def _drives(self, client: socket.socket | None) -> None:
+        """Refuse commands of a client while another one drives."""
+        if client is None:
+            return
+        if self._driving is None:
+            self._driving = client, int(client.getpeername()[1])
+        driver, port = self._driving
+        if client is not driver:
+            self._clients[client].refused = True
+            got = f"a second one; that on port {port} drives it"
+            raise InputError("send", "one program that drives this rig", got)
+
+    def _bounded(self, values: Any) -> np.ndarray:
+        """The commands (nu,) in a message; refuses those that no motor takes."""
+        commands = vector("send", values, self._model.nu)
+        bounds = zip(self._model.robot.actuators, commands, *self._bounds, strict=True)
+        for actuator, command, lower, upper in bounds:
+            if not lower <= command <= upper:
+                expected = f"a command of {actuator.name!r} from {lower:g} to {upper:g}"
+                raise InputError("send", expected, f"{command:g}")
+        return commands
 
     def _break(self, kind: str, names: Iterable[str]) -> None:
         """Jam motors, or cut their cables."""
@@ -361,8 +415,7 @@ class ServedRig:
             if kind == "cut":
                 law.actuator_gainprm[k] = law.actuator_biasprm[k] = 0.0
             else:
-                speed = robot.actuators[k].command is CommandKind.VELOCITY
-                self._jammed[k] = 0.0 if speed else self._plant.command[k]
+                self._jammed[k] = 0.0 if robot.speeds[k] else self._plant.command[k]
 
     def _mend(self) -> None:
         """Undo `_break`."""
@@ -372,7 +425,7 @@ class ServedRig:
 
     def _tell(self, client: socket.socket, line: bytes) -> None:
         """Send a line, or as much of it as the client takes."""
-        waiting = self._clients[client][1]
+        waiting = self._clients[client].waiting
         waiting += line
         try:
             sent = client.send(waiting) if waiting else 0
@@ -387,4 +440,6 @@ class ServedRig:
 
     def _leave(self, client: socket.socket) -> None:
         del self._clients[client]
+        if self._driving is not None and client is self._driving[0]:
+            self._driving = None
         client.close()

@@ -17,6 +17,7 @@ import numpy as np
 from softdyn import InputError, SoftModel
 from softdyn.actuation import Winches
 from softdyn.checks import number, whole
+from softdyn.description.readings import ReadingLayout
 from softdyn.description.robot import Robot
 from softdyn.dynamics.model import check_model
 from softdyn.validation.bench.drive import Drive
@@ -47,7 +48,7 @@ class ZeroSettings:
     repeats : int
         The number of pulls of each cable, at least 2, so that a zero that scatters shows.
     reach : float
-        Largest distance (m) of a zero from that of the file.
+        Largest distance (m) of a zero, and of an encoder's bias, from that of the file.
     pull : float, optional
         Tension (N) to which a cable is pulled; by default 5 % of the largest that its motor may
         give, or more if its sensor is noisy.
@@ -145,8 +146,8 @@ class Zeroing:
         rest = np.array([cable.rest for cable in self._cables]) - winches.offset
         self._slack = np.minimum(rest + reach, winches.upper)
         self._least = np.maximum(rest - reach, winches.lower)
-        self.u = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
-        self._readings = np.full(sum(s.kind.size for s in model.robot.sensors), np.nan)
+        self.u = model.relaxed
+        self._readings = np.full(ReadingLayout(model.robot.sensors).size, np.nan)
         self._new, self.zeros = self._readings, list[CableZero]()
         self._q, self._period = model.q0, PERIOD
         self._steps: Commands | None = None
@@ -298,7 +299,7 @@ class Zeroing:
     def _expected(self, cable: PulledCable) -> float:
         """The reading (N) of a slack cable's tension."""
         state = self._model.state(self._q, np.zeros(self._model.nv))
-        return float(np.asarray(self._model.measure(state, self.u))[cable.load])
+        return float(np.asarray(self._model.measure(state, self.u))[cable.load]) + cable.bias
 
     def _judged(self, cable: PulledCable, sweeps: list[_Sweep]) -> CableZero:
         """The zero from all pulls of a cable."""
@@ -314,11 +315,17 @@ class Zeroing:
             text = f"its zero scatters by {1e3 * spread:.2f} mm, more than {1e3 * SPREAD:g} mm"
             raise cable.refusal(text)
         out, winding = (float(np.mean(values)) for values in found)
+        offset = 0.5 * (out + winding)
+        cable.check_encoders(np.vstack([sweep.rows for sweep in sweeps]), offset)
         means = np.mean(biases, axis=0).tolist()
-        return CableZero(
-            cable.name, 0.5 * (out + winding), spread, out - winding,
-            dict(zip(cable.encoders, means, strict=True)),
-        )  # fmt: skip
+        named = dict(zip(cable.encoders, means, strict=True))
+        stated = {s.name: s.bias[0] for s in self._model.robot.sensors if s.name in named}
+        for name, bias in named.items():
+            if abs(bias - stated[name]) > self.settings.reach:
+                text = f"its encoder {name!r} has a bias of {1e3 * bias:.4g} mm"
+                reach = f"the reach of {1e3 * self.settings.reach:g} mm"
+                raise cable.refusal(f"{text}, more than {reach} from that of the file")
+        return CableZero(cable.name, offset, spread, out - winding, named)
 
     # -- what is written -------------------------------------------------------------------------
 

@@ -147,7 +147,7 @@ def _settle_one_sided(scene: Scene) -> None:
     sorts = {"damping": ("dof_damping", "dof_dampingpoly"), "armature": ("dof_armature",),
              "stiffness": ("jnt_stiffness", "jnt_stiffnesspoly")}  # fmt: skip
     for cause in scene.comparison.causes:
-        if not cause.one_sided:
+        if not cause.alone:
             continue
         if cause.where in matched and cause.kind in sorts:
             joint = scene.joint_names.index(matched[cause.where])

@@ -15,7 +15,8 @@ import numpy as np
 from softdyn.validation.mjcf.scene import Scene
 from softdyn.validation.mjcf.servos import as_forces
 from softdyn.validation.twin.free_base import rk4_on_rotations
-from softdyn.validation.twin.settings import Integrator, disabled
+from softdyn.validation.twin.integrators import Integrator
+from softdyn.validation.twin.settings import disabled
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin, check_warnings
 

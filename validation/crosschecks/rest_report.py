@@ -19,6 +19,7 @@ from softdyn.dynamics.model import SoftModel
 from softdyn.statics import Equilibrium, TipSearch, inputs_for_tip, sample_between, sample_rests
 from softdyn.statics.samples import STATIONS
 from softdyn.validation.crosschecks.rests import Drift, hold
+from softdyn.validation.crosschecks.result import finite
 
 CM = 100.0  # per metre
 STARTS = 24  # sampled equilibria from which the search for each target starts
@@ -94,7 +95,7 @@ class TargetReport:
     closest, closest_stable, most_stable : HeldRest, or None where no stable one was found
         The equilibria of the search, each held in the twin.
     closest_sample : float
-        Distance of the closest sampled equilibrium (m), NaN without samples.
+        Distance of the closest sampled equilibrium (m), NaN without samples (None in numbers).
     """
 
     name: str
@@ -110,7 +111,7 @@ class TargetReport:
         return {
             "target": self.search.target.tolist(),
             **{kind: self._numbers(getattr(self, kind)) for kind in kinds},
-            "closest_sample_cm": CM * self.closest_sample,
+            "closest_sample_cm": finite(CM * self.closest_sample),
             "equilibria": len(self.search.found),
         }
 
@@ -132,12 +133,14 @@ class TargetReport:
             if one is not None:
                 text = f"{CM * self.search.distance(one.rest):.3f} cm away, {one}"
             lines.append(f"  {kind:<14} {text}")
-        return "\n".join([*lines, f"  closest sample {CM * self.closest_sample:.3f} cm away"])
+        if math.isfinite(self.closest_sample):
+            lines.append(f"  closest sample {CM * self.closest_sample:.3f} cm away")
+        return "\n".join(lines)
 
 
 @dataclass(frozen=True, eq=False)
 class RestReport:
-    """The stable equilibria that were sampled, and a report for each target."""
+    """The stable and neutral equilibria that were sampled, and a report for each target."""
 
     robot: str
     samples: tuple[Equilibrium, ...]
@@ -149,7 +152,10 @@ class RestReport:
         return {"robot": self.robot, "samples": len(self.samples), "targets": targets}
 
     def __str__(self) -> str:
-        head = f"{self.robot}: {len(self.samples)} stable equilibria sampled"
+        neutral = sum(one.neutral for one in self.samples)
+        head = f"{self.robot}: {len(self.samples) - neutral} stable equilibria sampled"
+        if neutral:
+            head += f", {neutral} neutral ones"
         return "\n".join([head, *map(str, self.targets)])
 
 

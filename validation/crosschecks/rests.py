@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softdyn.checks import number
+from softdyn.dynamics.stops import Stops
 from softdyn.statics import Equilibrium
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
@@ -57,7 +58,7 @@ def hold(
     at = model.coordinates(equilibrium.q)
     span = np.minimum(model.upper - model.lower, 1.0)
     off = nudge * span * np.random.default_rng(NUDGE_SEED).normal(size=model.nv)
-    off = np.clip(at + off, model.lower, model.upper) - at
+    off = Stops.of(model).within(at + off) - at
     start = model.integrate(equilibrium.q, np.where(equilibrium.held, 0.0, off))
     twin.set_state(*StateMap(model, twin).to_twin(start, np.zeros(model.nv)))
     largest = final = 0.0

@@ -35,7 +35,10 @@ class Check:
     scale : str
         The value below which a difference counts as zero, in words.
     reason : str
-        A failure other than a difference of numbers.
+        A failure other than a difference of numbers, or why the quantity was not compared.
+    compared : bool
+        Whether there is a verdict. False where MuJoCo cannot compute the quantity of a robot whose
+        terms agree.
     """
 
     quantity: str
@@ -43,10 +46,13 @@ class Check:
     tolerance: float
     scale: str
     reason: str = ""
+    compared: bool = True
 
     @property
     def passed(self) -> bool:
-        """Whether the error is a number within the tolerance."""
+        """Whether the error is a number within the tolerance, or nothing was compared."""
+        if not self.compared:
+            return True
         return not self.reason and self.max_error <= self.tolerance  # false for NaN
 
 
@@ -120,7 +126,8 @@ class CrossCheck:
         are not compared.
     condition : float
         The largest condition number of M. If two engines agree on M to rounding ε, they can agree
-        on q̈ to about ε times this number.
+        on q̈ to about ε times this number, and the tolerances of q̈ and of what is integrated from
+        it are not below that.
     runs : tuple of TrajectoryRun
         The trajectories compared.
     ladders : tuple of StepLadder
@@ -147,19 +154,31 @@ class CrossCheck:
         """Names of the quantities that failed."""
         return tuple(check.quantity for check in self.checks if not check.passed)
 
+    @property
+    def verdict(self) -> str:
+        """The result in one line."""
+        if self.failures:
+            return f"FAILED: {', '.join(self.failures)}"
+        missing = [check for check in self.checks if not check.compared]
+        if not missing:
+            return "the two engines agree"
+        names = " and no ".join(check.quantity for check in missing)
+        reasons = dict.fromkeys(check.reason for check in missing)  # each once
+        return f"the terms agree; no {names}, because {'; '.join(reasons)}"
+
     def to_dict(self) -> dict[str, Any]:
         """The result as plain data; figures that are not finite are None."""
         data = asdict(self)
-        data["trajectories"] = data.pop("runs")
+        data["trajectories"] = [
+            {**row, "max_error": finite(row["max_error"])} for row in data.pop("runs")
+        ]
         for check, row in zip(self.checks, data["checks"], strict=True):
             row |= {"max_error": finite(check.max_error), "passed": check.passed}
         return data | {"passed": self.passed, "condition": finite(self.condition)}
 
     def __str__(self) -> str:
-        verdicts = {True: "ok", False: "FAILED"}
         checks = (
-            {**vars(c), "verdict": verdicts[c.passed], "about": c.reason or c.scale}
-            for c in self.checks
+            {**vars(c), "verdict": _word(c), "about": c.reason or c.scale} for c in self.checks
         )
         parts = [
             f"{self.robot}: {self.nv} degrees of freedom, {self.nu} inputs; "
@@ -175,9 +194,12 @@ class CrossCheck:
             )
             rungs = ({"margin": "", **vars(rung)} for rung in ladder.rungs)
             parts.append(f"{head}\n{Table.of(RUNGS, rungs).text()}")
-        failed = ", ".join(self.failures)
-        parts.append(f"FAILED: {failed}" if failed else "the two engines agree")
-        return "\n\n".join(parts)
+        return "\n\n".join([*parts, self.verdict])
+
+
+def _word(check: Check) -> str:
+    """The verdict on one quantity, for the table."""
+    return ("ok" if check.passed else "FAILED") if check.compared else "not compared"
 
 
 def finite(value: float) -> float | None:

@@ -19,7 +19,8 @@ import numpy as np
 import softdyn
 from softdyn.actuation import Capstan, Winches
 from softdyn.actuation.drives import lag_shares
-from softdyn.description.rig import CommandKind, Sensor, SensorKind
+from softdyn.description.readings import ReadingLayout
+from softdyn.description.rig import Sensor, SensorKind
 from softdyn.description.robot import Robot
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.validation.crosschecks import trajectories
@@ -165,9 +166,9 @@ class RigStates:
         stiff = max([stiff, 1.0, *(tendon.stiffness for tendon in model.robot.tendons)])
         scales = dict.fromkeys(SensorKind, max(length, 1.0)) | {SensorKind.TENSION: stiff * length}
         scales[SensorKind.ACCELEROMETER] = np.abs(qdd).max(initial=1.0) * length
-        own, first = len(self.model.robot.sensors) - len(_pulled(model.robot)), 0
-        for k, sensor in enumerate(model.robot.sensors):
-            rows = slice(first, first := first + sensor.kind.size)
+        layout = ReadingLayout(model.robot.sensors)
+        own = len(layout.sensors) - len(_pulled(model.robot))
+        for k, (sensor, rows) in enumerate(zip(layout.sensors, layout.slices, strict=True)):
             quantity = "sensors" if k < own else "tension"
             yield quantity, found.values[rows], theirs[rows], scales[sensor.kind]
 
@@ -215,7 +216,7 @@ class RigMotion:
     def __init__(self, winches: Winches, start: Start, held: np.ndarray, h: float) -> None:
         self._winches, self._h, (self.q, self.v) = winches, h, start
         actuators = winches.model.robot.actuators
-        self._speeds = np.array([a.command is CommandKind.VELOCITY for a in actuators], bool)
+        self._speeds = winches.model.robot.speeds
         lags = np.array([a.lag for a in actuators])
         self._lagging = (lags > 0) & ~self._speeds
         self._gain = 1.0 - lag_shares(h, lags)[0]
@@ -317,7 +318,7 @@ def compare_motion(
     step, holds, wanted = trajectories.plan(IMPLICIT, rates)
     share = trajectories.share_of(model, *start)
     held = random_commands(winches, state, rng, share)
-    speeds = np.array([a.command is CommandKind.VELOCITY for a in model.robot.actuators], bool)
+    speeds = model.robot.speeds
     lengths = (random_commands(winches, state, rng, share) for _ in holds)
     # a commanded velocity leads to a drawn length within a hold
     inputs = [np.where(speeds, (c - held) / (trajectories.HOLD * step), c) for c in lengths]

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -91,6 +90,8 @@ def compare_trajectories(
 ) -> tuple[tuple[TrajectoryRun, ...], tuple[StepLadder, ...]]:
     """Free and forced runs with every scheme the two engines share, and their ladders.
 
+    A scheme under which MuJoCo cannot follow the robot has one run of no length that says why.
+
     Parameters
     ----------
     model : SoftModel
@@ -104,7 +105,9 @@ def compare_trajectories(
 
     Raises
     ------
-    SimulationError, InputError, LinAlgError
+    SimulationError
+        MuJoCo can follow the robot under no scheme.
+    InputError, LinAlgError
         A trajectory is no longer finite.
     """
     start = random_start(model, rng)
@@ -113,14 +116,22 @@ def compare_trajectories(
     # they treat the gyroscopic force implicitly. So both engines share no implicit scheme there.
     alone = model.robot.floating and not model.robot.moving_joints
     none = alone or damping_couples_branches(model, *start)
-    runs, ladders = [], []
+    share = share_of(model, *start)
+    runs, ladders, refused = list[TrajectoryRun](), list[StepLadder](), list[SimulationError]()
     for scheme in (RK4,) if none else (IMPLICIT, RK4):
-        for name, share in (("free", 0.0), ("forced", share_of(model, *start))):
-            if share or name == "free":
-                report(f"{name} trajectory, {scheme.name}")
-                runs.append(race.run(name, scheme, share, rng))
-        report(f"step halving, {scheme.name}")
-        ladders.append(race.ladder(scheme))
+        try:
+            for name, part in (("free", 0.0), ("forced", share)):
+                if part or name == "free":
+                    report(f"{name} trajectory, {scheme.name}")
+                    runs.append(race.run(name, scheme, part, rng))
+            report(f"step halving, {scheme.name}")
+            ladders.append(race.ladder(scheme))
+        except SimulationError as error:
+            step, *_ = plan(scheme, race.rates)
+            runs.append(TrajectoryRun("none", scheme.name, step, 0.0, math.nan, error.reason))
+            refused.append(error)
+    if not any(run.duration for run in runs):
+        raise refused[0]
     return tuple(runs), tuple(ladders)
 
 
@@ -249,17 +260,19 @@ class Race:
         """Follow one trajectory under given inputs; `wanted` steps are the whole horizon."""
         model, start = self.model, self.start
         nudged = model.integrate(start[0], np.full(model.nv, NUDGE)), start[1] + NUDGE
-        marks, shadow = (
-            _until_failure(self._theirs(scheme, step, inputs, holds, begin))
-            for begin in (start, nudged)
-        )
+        marks = _until_failure(self._theirs(scheme, step, inputs, holds, start))
+        shadow = _until_failure(self._theirs(scheme, step, inputs, holds, nudged))
         reach = 0
         for mark, other in zip(marks, shadow, strict=False):
             if reach and not distance(mark, other, self.circular) < GROWTH * NUDGE:
                 break
             reach += 1
         if not reach:
-            raise SimulationError(holds[0] * step, f"the {name} trajectory blew up at once")
+            why = (
+                f"within {holds[0]} steps of {step:.2g} s the motion, at {self.rates.motion:.2g} "
+                f"rad/s, amplifies rounding more than {GROWTH:g} times"
+            )
+            raise SimulationError(holds[0] * step, why)
 
         error = 0.0
         ours = self._ours(scheme, step, inputs[:reach], holds)
@@ -311,11 +324,20 @@ class Race:
 
 
 def _until_failure(marks: Iterator[Start]) -> list[Start]:
-    """All states before the simulation fails."""
-    reached = []
-    with suppress(SimulationError):
+    """All states before the simulation fails.
+
+    Raises
+    ------
+    SimulationError
+        It fails before the first one.
+    """
+    reached = list[Start]()
+    try:
         for mark in marks:
             reached.append(mark)
+    except SimulationError:
+        if not reached:
+            raise
     return reached
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, SoftdynError, SoftModel, State, statics
+from softdyn.controllers.controller import reset_controller
 from softdyn.estimation import Observer
 from softdyn.exceptions import OwnCodeError, one_line, own_code_errors
 from softdyn.safety import Surroundings
@@ -21,10 +22,11 @@ from softdyn.validation.live.dragged_targets import DraggedTargets
 from softdyn.validation.live.ghost import Ghost
 from softdyn.validation.live.menu import Make, make_law
 from softdyn.validation.live.push import Hand, hand_stiffness
-from softdyn.validation.loop.arguments import RunOptions, starting_pose
+from softdyn.validation.loop.arguments import starting_pose
 from softdyn.validation.loop.loop import ControlLoop
 from softdyn.validation.loop.observation import make_observer
-from softdyn.validation.loop.plants import plant_of
+from softdyn.validation.loop.plants import known_rig, plant_of
+from softdyn.validation.loop.settings import RunOptions
 from softdyn.validation.loop.setups import setup_of
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.twin.plant_errors import multiplied
@@ -149,6 +151,8 @@ class Session:
         self.trace = ""
         plant = self._built(self._mismatch, *self._at_rest())
         self.loop = ControlLoop(model, plant, None, make_observer(model, self._wanted, observer))
+        # the page's differences are what a controller does not know
+        self._known = known_rig(plant, self.loop.observation is None)
         self._zero, self._by_hand = self.loop.u, ByHand(self.loop.u)
         self.loop.take(self._by_hand)
         self.shown, self.changed = PageState(OPEN_LOOP, inputs=self._zero.tolist()), True
@@ -373,8 +377,7 @@ class Session:
 
     def _begin(self, law: Any) -> None:
         """Reset a controller, if it can be reset."""
-        if hasattr(law, "reset"):
-            law.reset(self.period)
+        reset_controller(law, self.period, self._known)
 
     def _release(self) -> None:
         self._hand = None

@@ -11,7 +11,7 @@ import numpy as np
 from softdyn.description.visuals import Visual
 from softdyn.tasks.marks import marks_of, target_row
 from softdyn.validation.loop import setups
-from softdyn.validation.loop.closed_loop import ClosedLoop
+from softdyn.validation.loop.closed_loop import ClosedLoop, OnStep
 from softdyn.validation.loop.labels import controller_title
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.record import ControlStep, tasks_in
@@ -97,7 +97,9 @@ def frame_of(columns: Columns, loop: ClosedLoop, step: ControlStep, **timing: fl
     )  # fmt: skip
 
 
-def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, ViewerCost]:
+def watch(
+    loop: ClosedLoop, channel: Channel, speed: float = 1.0, on_step: OnStep | None = None
+) -> tuple[Log, ViewerCost]:
     """Run a loop while pages show it.
 
     Parameters
@@ -108,6 +110,8 @@ def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, 
         Its `open_watch_page`.
     speed : float
         Simulated seconds per second of the clock.
+    on_step : Callable[[float, State, ControllerOutput], None], optional
+        As of `ClosedLoop.run`.
 
     Returns
     -------
@@ -125,6 +129,8 @@ def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, 
             spent = (perf_counter_ns() - began) / 1e3
             if step is None:
                 break
+            if on_step is not None:
+                on_step(step.t, step.state, step.output)
             if clock.frame(RATE):
                 row = frame_of(
                     columns, loop, step, misses=clock.misses, pace=clock.pace,

@@ -1,121 +1,24 @@
-"""The arguments of a run, in one object, and checks of them."""
+"""Checks of a run's model, controller, reference and start."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from softdyn import InputError, Reference, SoftModel
-from softdyn.checks import array, flag, in_degrees, number
+from softdyn import InputError, Reference, SoftModel, State
+from softdyn.checks import array, in_degrees
 from softdyn.controllers.staged import best
-from softdyn.estimation import Observer
-from softdyn.safety import Surroundings
+from softdyn.dynamics.stops import Stops
 from softdyn.statics.suspicious_values import fast_springs
-from softdyn.toml_table import TomlTable
 from softdyn.validation.loop.experiment import Experiment
-from softdyn.validation.twin.plant_errors import PlantErrors
-from softdyn.validation.twin.rig import Rig
-from softdyn.validation.twin.settings import Integrator, integrator_of
 
 ReferenceLike = Experiment | Callable[[float], Reference]
 YIELD = 1e-3  # of a joint's range: a run may begin where another one pressed a joint on its stop
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RunOptions:
-    """The arguments of a run besides its model, its controller and its reference.
-
-    Attributes
-    ----------
-    duration, period : float, optional
-        Length of the run, to the nearest plant step, and control period (s); the experiment's by
-        default, 10 s and 2 ms without one. Where the period does not divide the duration, the last
-        hold is shorter.
-    timestep : float, optional
-        Plant step (s), which must divide the period; by default the largest ≤ 0.5 ms. ``inf`` is
-        one step per period.
-    integrator : Integrator or str
-        The twin's scheme.
-    q0, v0 : np.ndarray, (nq,), (nv,), optional
-        Initial state, within the joint limits; by default at rest in the configuration within the
-        limits that is nearest to q = 0.
-    contacts : bool
-        Whether the plant's links can touch.
-    friction : bool
-        Whether the plant has the file's dry friction of joints, and of cables on their guides.
-    plant : PlantErrors, MappedPlant, Plant or Callable[..., Twin], optional
-        By default the twin. Otherwise the twin with some errors; a user's MJCF as a
-        `softdyn.validation.Scene`, whose own contacts and friction hold, and its step if that
-        divides the period; a `softdyn.validation.loop.plants.Plant`; or what makes the twin, called
-        as `Twin` with the robot, timestep, contacts and friction.
-    rig : Rig or str, optional
-        The rig between controller and plant: None for an ideal one, ``"file"`` for that of the
-        robot's file, or a `Rig`.
-    observer : Observer or str, optional
-        It estimates the state that the controller gets, from the rig's sensors: an
-        `softdyn.estimation.Ekf`, an object of your own with ``step(t, measurements, u)``, or the
-        words of `observation.make_observer`. The State has the estimate's `covariance`
-        (2 nv, 2 nv), if there is one.
-    surroundings : Surroundings, optional
-        Obstacles around the robot: in the twin, and their reserve in the log. A controller keeps
-        clear of them by its own `barriers`.
-    name : str, optional
-        Name of the controller in the log; its `name` or its class by default.
-    """
-
-    duration: float | None = None
-    period: float | None = None
-    timestep: float | None = None
-    integrator: Integrator | str = Integrator.IMPLICITFAST
-    q0: Any = None
-    v0: Any = None
-    contacts: bool = False
-    friction: bool = False
-    plant: Any = None
-    rig: Rig | str | None = None
-    observer: Observer | str | None = None
-    surroundings: Surroundings | None = None
-    name: str | None = None
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.name, str | None):
-            raise InputError("name", "text", repr(self.name))
-        for key in ("duration", "period", "timestep"):
-            if getattr(self, key) is not None:
-                number(key, getattr(self, key), above=0.0, finite=key != "timestep")
-        for key in ("contacts", "friction"):
-            flag(key, getattr(self, key))
-        integrator_of(self.integrator)
-
-    @classmethod
-    def of(cls, given: Mapping[str, Any]) -> RunOptions:
-        """The options from a table, such as a TOML file's, or from the keywords of a call.
-
-        A table of `plant` becomes a `PlantErrors`, one of `rig` or `surroundings` that object.
-
-        Raises
-        ------
-        InputError
-            An unknown option; the error names the one that may be meant. Also for a value that its
-            object refuses.
-        """
-        values = TomlTable(given, "options").rest([field.name for field in fields(cls)])
-        makers: dict[str, Callable[[Any], Any]]
-        makers = {"plant": _plant_errors, "rig": Rig.of, "surroundings": Surroundings.of}
-        for name, make in makers.items():
-            if isinstance(values.get(name), Mapping):
-                values[name] = make(values[name])
-        return cls(**values)
-
-
-def _plant_errors(table: Mapping[str, Any]) -> PlantErrors:
-    return TomlTable(table, "plant").make(PlantErrors)
 
 
 def check_robot(model: SoftModel, experiment: Experiment) -> None:
@@ -185,7 +88,7 @@ def starting_pose(model: SoftModel, q0: Any) -> tuple[np.ndarray, str]:
     """
     if q0 is None:
         at = model.coordinates(model.q0)
-        within = np.clip(at, model.lower, model.upper)
+        within = Stops.of(model).within(at)
         moved = [
             f"{name} at {limit:g}"
             for name, zero, limit in zip(model.joint_names, at, within, strict=True)
@@ -213,9 +116,9 @@ def _turns(model: SoftModel, name: str) -> bool:
     return any(j.name == name and j.kind == "revolute" for j in model.robot.moving_joints)
 
 
-def warn_of_fast_springs(model: SoftModel, M: np.ndarray, timestep: float) -> None:
+def warn_of_fast_springs(model: SoftModel, state: State, timestep: float) -> None:
     """Warn of a spring whose oscillation is too fast for the plant step (s)."""
-    said = fast_springs(model, M, timestep)
+    said = fast_springs(model, state, timestep)
     if said is not None:
         warnings.warn(f"{model.robot.path}: {said}", stacklevel=3)
 

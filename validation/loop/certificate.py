@@ -6,17 +6,18 @@ they are the model's, q̈ = M⁻¹(B u - h); in the Soft ID-CLF-QP they are not.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
+from softdyn.controllers.channels import LogChannel
 from softdyn.controllers.controller import SILENT
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.clf import make_clf
 from softdyn.controllers.qps.stacked_error import StackedError
-from softdyn.validation.channels import LogChannel
 from softdyn.validation.loop.log import Log
 
 
@@ -79,7 +80,7 @@ class TrueRate:
         return excess - own / clf.eps, max(excess, 0.0)
 
 
-def certified(
+def certify(
     log: Log,
     model: SoftModel,
     controller: Any,
@@ -113,3 +114,9 @@ def certified(
         found[:, k] = rate(state, reference(float(log.t[k])), log.u[k], float(log.V[k]))
     names = zip(("Vdot", "delta_true"), found, strict=True)
     return log.altered(*(LogChannel(n, held=True, values=x.copy()) for n, x in names))
+
+
+def certified(*arguments: Any) -> Log:
+    """The former name of `certify`, for one version."""
+    warnings.warn("certified is now certify", DeprecationWarning, stacklevel=2)
+    return certify(*arguments)

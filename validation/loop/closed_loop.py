@@ -11,14 +11,15 @@ from tqdm.auto import tqdm
 
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import array, beyond
+from softdyn.controllers.channels import LogChannel, channels_of
+from softdyn.controllers.controller import WrappingController, reset_controller
+from softdyn.controllers.law import NamedLaw
 from softdyn.copies import Separate
 from softdyn.description.robot import input_unit
 from softdyn.dynamics.model import check_model
-from softdyn.validation.channels import LogChannel
 from softdyn.validation.loop import verdict
 from softdyn.validation.loop.arguments import (
     ReferenceLike,
-    RunOptions,
     check_controller,
     check_robot,
     checked,
@@ -37,14 +38,16 @@ from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.loop import ControlLoop
 from softdyn.validation.loop.observation import make_observer
-from softdyn.validation.loop.plants import Plant, plant_of, timestep_of
+from softdyn.validation.loop.plants import Plant, known_rig, plant_of, timestep_of
+from softdyn.validation.loop.provenance import package_versions
 from softdyn.validation.loop.record import (
     ControllerOutput,
     ControlStep,
     Counts,
     Recorder,
-    package_versions,
 )
+from softdyn.validation.loop.repeat import record_of
+from softdyn.validation.loop.settings import RunOptions
 from softdyn.validation.loop.time_grid import MAX_TIMESTEP, TimeGrid
 from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.twin.twin import SimulationError
@@ -71,12 +74,14 @@ class ClosedLoop(Separate):
     model : SoftModel
         The robot; the twin is built from its file, by its own path.
     controller : Callable[[State, Reference], ControllerOutput]
-        Returns an array u (nu,), or an object with `u` and optionally V, delta, status. These
-        attributes are recorded if they exist: integers `not_solved` and `fallbacks`, a float
-        `max_bound_violation` (of the controller or its `guard`), and `gains` or `parameters`. A
-        method `reset` is called once before the run with the control period (s). An attribute
-        `waits` is True during its calls, so that they wait for its searches. Its exceptions are
-        passed on; those of a step have the run so far as their attribute ``log``.
+        Returns an array u (nu,), or an object with `u` and optionally V, delta, status, and values
+        of the channels that the controller declares as `channels`. These attributes are recorded if
+        they exist: integers `not_solved` and `fallbacks`, a float `max_bound_violation` (of the
+        controller or its `guard`), and `gains` or `parameters`. A method `reset` is called once
+        before the run with the control period (s), and with the plant's rig if it has a parameter
+        `rig`. An attribute `waits` is True during its calls, so that they wait for its searches.
+        Its exceptions are passed on; those of a step have the run so far as their attribute
+        ``log``.
     reference : Experiment or Callable[[float], Reference]
         The second is of t (s), e.g. a `SetPoint`. `nowhere` is for a rollout, in which no distance
         from a reference is judged.
@@ -95,6 +100,8 @@ class ClosedLoop(Separate):
         The desired tip at t (s), checked.
     aims : bool
         Whether there is a reference.
+    record : dict
+        The record of the run as plain data, see `repeat.record_of`.
     grid : TimeGrid
         The run's periods and plant steps.
     steps : int
@@ -142,7 +149,7 @@ class ClosedLoop(Separate):
         check_controller(controller)
         q, self.start = starting_pose(model, options.q0)
         v = np.zeros(model.nv) if options.v0 is None else array("v0", options.v0, (model.nv,))
-        warn_of_fast_springs(model, model.state(q, v).M, self.grid.timestep)
+        warn_of_fast_springs(model, model.state(q, v), self.grid.timestep)
         plant = plant_of(model, options, self.grid.period, self.grid.timestep)
         observer = make_observer(model, options.rig, options.observer)
         self.loop = ControlLoop(model, plant, controller, observer)
@@ -155,13 +162,23 @@ class ClosedLoop(Separate):
         if self.surroundings is not None:
             barriers = [(name, "m") for name in self.surroundings.names]
             self._record.add(LogChannel.of("reserve", barriers))
-        if hasattr(controller, "reset"):
-            controller.reset(self.grid.period)
+        reset_controller(
+            controller, self.grid.period, known_rig(plant, self.loop.observation is None)
+        )
+        self._record.declare(channels_of(controller))
         if self.loop.observation is not None:
             self.loop.observation.reset()
         self._counts = Counts(controller)
+        observer = None if self.loop.observation is None else self.loop.observation.observer
+        given = reference if self.experiment is None else self.experiment
+        self.record = record_of(model, controller, given, options, observer)
         self.steps, self.done, self._complete = 0, False, False
         self.reason: str | None = None
+
+    @property
+    def samples(self) -> int:
+        """Number of samples recorded; one more than steps once the last one is there."""
+        return self._record.samples
 
     @property
     def plant(self) -> Plant:
@@ -197,7 +214,11 @@ class ClosedLoop(Separate):
         seen = loop.see(t)
         record.put(k, **loop.values)
         if k == self.grid.steps:
-            fault = verdict.not_converged(record.error_at(0), record.error_at(k), target)
+            law = self.controller
+            while isinstance(law, WrappingController):
+                law = law.inner
+            horizon = law.horizon if isinstance(law, NamedLaw) else 0.0
+            fault = verdict.not_converged(record.error_at(0), record.error_at(k), target, horizon)
             self._end(fault if self.aims else None, complete=True)
             return None
         if "q_seen" in record.channels:
@@ -340,6 +361,7 @@ class ClosedLoop(Separate):
             marks=marks,
             obstacles=None if self.surroundings is None else self.surroundings.table,
             start=self.start,
+            record=self.record,
             **self.plant.settings,
         )
 

@@ -8,18 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from softdyn.controllers.registry import label_of
 from softdyn.validation.loop.experiment import ROLLOUT
+from softdyn.validation.loop.log_data import LogData
 
-AnyLog = Any
-"""A `Log`. A log draws itself, so that its labels and its pictures do not import it."""
-CONTROLLERS = {
-    "soft-id-clf-qp": "Soft ID-CLF-QP",
-    "id-clf-qp": "ID-CLF-QP (hard)",
-    "clf-qp": "CLF-QP",
-    "ic": "IC",
-    "uic": "UIC",
-    "ic-qp": "IC-QP",
-}
 ROBOTS = {
     "finger": "Finger", "helix": "Helix", "spirob": "SpiRob", "spirob48": "SpiRob (48 DOF)",
 }  # fmt: skip
@@ -28,7 +20,8 @@ SYMBOLS = {"set_point": "θ", "tracking": "ω"}
 
 def controller_title(name: str) -> str:
     """A controller's name for display; FILE.py:CLASS becomes its last part."""
-    return CONTROLLERS.get(name) or Path(name).name
+    title = label_of(name)
+    return title if title != name else Path(name).name
 
 
 def robot_title(name: str) -> str:
@@ -43,13 +36,15 @@ def experiment_title(kind: str, value: float) -> str:
 
 
 def cell_title(kind: str, value: Any) -> str:
-    """The target of a table's cell: θ or ω as a multiple of π, or a point (x, y, z) (m)."""
+    """The target of a table's cell: θ or ω as a multiple of π, a point (m) or a file."""
     if kind in SYMBOLS:
         return f"{SYMBOLS[kind]} = {value:g}π"
+    if isinstance(value, str):  # a trajectory of one's own
+        return Path(value).name
     return "(" + ", ".join(f"{x:g}" for x in value) + ") m"
 
 
-def goal(log: AnyLog) -> str:
+def goal(log: LogData) -> str:
     """A run's target in words."""
     if log.theta is not None:
         return f"set point {experiment_title('set_point', log.theta)}"
@@ -62,7 +57,7 @@ def goal(log: AnyLog) -> str:
     return "set point (" + ", ".join(f"{x:g}" for x in log.y_ref[0]) + ") m"
 
 
-def labels_of(logs: Sequence[AnyLog]) -> list[str]:
+def labels_of(logs: Sequence[LogData]) -> list[str]:
     """The controllers' names; or the robot, the goal and the plant, where they differ."""
     parts: list[list[Any]] = [
         [controller_title(log.controller) for log in logs],

@@ -9,14 +9,17 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError
+from softdyn.controllers.channels import LogChannel
 from softdyn.description.task_mark import TaskMark
 from softdyn.exceptions import errors_in
 from softdyn.safety import Surroundings
-from softdyn.validation.channels import LogChannel, goals
+from softdyn.validation.channels import goals
 from softdyn.validation.loop.experiment import ROLLOUT
 from softdyn.validation.plain_data import LARGEST
 
-FORMAT = "softdyn-log-4"
+FORMAT = "softdyn-log-5"
+# older formats that are read, and what they lack
+OLDER: dict[str, dict[str, Any]] = {"softdyn-log-4": {"record": {}}}
 FLOAT = np.dtype(float)
 # channel of every log → whether it is held, and its number of columns: 0 for one number per row,
 # None for any number
@@ -175,5 +178,6 @@ ENTRIES: dict[str, Callable[[Any], bool]] = {
     "source": _is_source,
     "plant": _or_none(_is_text),
     "obstacles": _or_none(lambda value: isinstance(value, dict)),
+    "record": lambda value: isinstance(value, dict),
     "marks": lambda value: isinstance(value, list),
 }

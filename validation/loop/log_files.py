@@ -5,38 +5,50 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from softdyn import InputError, SoftModel
+from softdyn import FormatError, InputError, SoftModel
+from softdyn.controllers.channels import LogChannel
 from softdyn.csv_table import CsvTable
+from softdyn.description.library import bundled_file
 from softdyn.description.robot import input_unit
+from softdyn.description.task_mark import TaskMark
+from softdyn.files import is_stream
+from softdyn.formats import KEY, check_format
 from softdyn.validation.arrays import read_npz
-from softdyn.validation.channels import LogChannel, every_run
-from softdyn.validation.files import atomic, write_text
+from softdyn.validation.channels import every_run
+from softdyn.validation.files import atomic, read_json, write_json, write_text
 from softdyn.validation.loop.experiment import ROLLOUT
-from softdyn.validation.loop.log_checks import FORMAT, check
+from softdyn.validation.loop.log_checks import FORMAT, OLDER, check
+from softdyn.validation.loop.log_data import LogData
 from softdyn.validation.loop.logged_robot import LoggedRobot
+from softdyn.validation.loop.provenance import found as placed
+from softdyn.validation.loop.provenance import name_shown, path_from, path_shown, written
+from softdyn.validation.loop.repeat import record_for, record_in, whole_record
 
 Channels = dict[str, LogChannel]
 DECLARED = ("columns", "units", "held", "title", "text")  # fields of a channel besides its values
+RECORD = ".json"  # after the name of a CSV: its record
 SETTINGS = "log"  # the column of a CSV with the settings
 CELL = 32_000  # characters of a cell; a spreadsheet cuts longer ones off
 
 
-def save_npz(path: str | Path, channels: Mapping[str, LogChannel], about: dict[str, Any]) -> None:
+def save_npz(path: str | Path, log: LogData) -> None:
     """Write a compressed NPZ file, complete or not at all."""
-    arrays: dict[str, Any] = {name: channel.values for name, channel in channels.items()}
+    arrays: dict[str, Any] = {name: channel.values for name, channel in log.channels.items()}
     with atomic(path) as file:
-        np.savez_compressed(file, about=np.array(_settings(channels, about)), **arrays)
+        about = _settings(log, Path(path).parent, log.record)
+        np.savez_compressed(file, about=np.array(about), **arrays)
 
 
-def load_npz(path: str | Path) -> tuple[Channels, dict[str, Any]]:
-    """The channels and the settings of an NPZ file.
+def load_npz(path: str | Path) -> dict[str, Any]:
+    """The fields of the log in an NPZ file.
 
     Raises
     ------
@@ -47,21 +59,23 @@ def load_npz(path: str | Path) -> tuple[Channels, dict[str, Any]]:
     try:
         text = arrays.pop("about").item()
     except (KeyError, ValueError) as error:
-        raise InputError(str(path), f"a log of format {FORMAT}", error) from None
+        raise FormatError(str(path), f"a log of format {FORMAT}", error) from None
     found, about = _declared(str(path), text)
     if set(found) != set(arrays):
-        raise InputError(str(path), f"arrays {', '.join(found)}", ", ".join(arrays))
+        raise FormatError(str(path), f"arrays {', '.join(found)}", ", ".join(arrays))
     channels = {name: channel.filled(arrays[name]) for name, channel in found.items()}
-    check(str(path), channels, about)
-    return channels, about
+    return _checked(path, channels, about)
 
 
-def save_csv(path: str | Path, channels: Mapping[str, LogChannel], about: dict[str, Any]) -> None:
-    """Write a CSV file, complete or not at all; see `csv_text`."""
-    write_text(path, csv_text(channels, about))
+def save_csv(path: str | Path, log: LogData) -> None:
+    """Write a CSV file, complete or not at all; see `csv_text`. Its record is in ``PATH.json``."""
+    folder = Path(path).parent
+    write_text(path, csv_text(log, folder))
+    if log.record and not is_stream(Path(path)):
+        write_json(f"{path}{RECORD}", record_for(whole_record(log), folder))
 
 
-def csv_text(channels: Mapping[str, LogChannel], about: dict[str, Any]) -> str:
+def csv_text(log: LogData, folder: str | Path = Path()) -> str:
     """Every sample of a run as a row, every column of every channel as a column.
 
     The last row is the final state, which repeats the last of all values that are held. A channel
@@ -72,18 +86,18 @@ def csv_text(channels: Mapping[str, LogChannel], about: dict[str, Any]) -> str:
     InputError
         The log has no control step.
     """
-    samples = len(channels["t"].values)
+    samples = len(log.t)
     if samples < 2:
         raise InputError("log", "at least one control step", "none")
     titles, cells = list[str](), list[list[Any]]()
-    for channel in channels.values():
+    for channel in log.channels.values():
         values = channel.values
         known = values != "" if channel.text else np.isfinite(values)
         if values.size and known.any():
             titles += channel.titles
             rows = np.concatenate([values, values[-1:]])[:samples].reshape(samples, -1)
             cells += rows.T.tolist()
-    text = _settings(channels, about)
+    text = _settings(log, Path(folder), {})
     size = max(CELL, -(-len(text) // samples))
     parts = [text[k * size : (k + 1) * size] for k in range(samples)]
     written = io.StringIO()
@@ -93,8 +107,8 @@ def csv_text(channels: Mapping[str, LogChannel], about: dict[str, Any]) -> str:
     return written.getvalue()
 
 
-def load_csv(path: str | Path) -> tuple[Channels, dict[str, Any]]:
-    """The channels and the settings of a CSV file that `save_csv` wrote.
+def load_csv(path: str | Path) -> dict[str, Any]:
+    """The fields of the log in a CSV file that `save_csv` wrote.
 
     Raises
     ------
@@ -106,6 +120,9 @@ def load_csv(path: str | Path) -> tuple[Channels, dict[str, Any]]:
         expected = f"a column {SETTINGS!r}, as a log has it, or the robot of a recording"
         raise InputError(f"{path}: header", expected, "neither")
     found, about = _declared(str(path), "".join(file.cells(SETTINGS)))
+    beside = f"{path}{RECORD}"
+    if os.path.isfile(beside):
+        about["record"] = record_in(read_json(beside, "the record of a run"), beside)
     channels = {}
     for name, channel in found.items():
         values = channel.empty(len(file)).reshape(len(file) - channel.held, len(channel.titles))
@@ -118,8 +135,7 @@ def load_csv(path: str | Path) -> tuple[Channels, dict[str, Any]]:
                     raise InputError(f"{path}: column {title}", "numbers", "others") from None
         shaped = values if channel.columns is not None else values[:, 0]
         channels[name] = channel.filled(shaped.astype(str) if channel.text else shaped)
-    check(str(path), channels, about)
-    return channels, about
+    return _checked(path, channels, about)
 
 
 def is_log(path: str | Path) -> bool:
@@ -127,8 +143,8 @@ def is_log(path: str | Path) -> bool:
     return SETTINGS in CsvTable(path).titles
 
 
-def load_recording(path: str | Path, model: SoftModel) -> tuple[Channels, dict[str, Any]]:
-    """The channels and the settings of a CSV file that a rig recorded.
+def load_recording(path: str | Path, model: SoftModel) -> dict[str, Any]:
+    """The fields of a log, from a CSV file that a rig recorded.
 
     It has ``t`` (s) and ``q.JOINT`` for every joint, and may have ``v.JOINT``, ``u.INPUT``,
     ``target.x``, ``.y`` and ``.z``, and the commands, acting inputs and readings of a rig. Missing
@@ -144,7 +160,7 @@ def load_recording(path: str | Path, model: SoftModel) -> tuple[Channels, dict[s
     if len(t) < 2 or not (np.diff(t) > 0).all():
         raise InputError(f"{path}: column t", "two increasing times or more", "others")
     q = file.numbers(found["q"].names)
-    rest = np.tile(np.clip(np.zeros(model.nu), model.u_min, model.u_max), (len(t), 1))
+    rest = np.tile(model.relaxed, (len(t), 1))
     usual = {"u": rest, "y_ref": np.full((len(t), 3), np.nan)}
     if model.nq == model.nv:
         usual["v"] = np.gradient(q, t, axis=0)
@@ -174,19 +190,38 @@ def load_recording(path: str | Path, model: SoftModel) -> tuple[Channels, dict[s
         "length": model.robot.length or None, "contacts": False, "complete": True, "failed": False,
         "reason": None, "not_solved": 0, "fallbacks": 0, "max_bound_violation": 0.0, "gains": None,
         "versions": {}, "source": asdict(LoggedRobot.of(model)), "plant": Path(path).name,
-        "marks": [], "obstacles": None, "start": "",
+        "marks": [], "obstacles": None, "start": "", "record": {},
     }  # fmt: skip
-    check(str(path), channels, about)
-    return channels, about
+    return _checked(path, channels, about)
 
 
-def _settings(channels: Mapping[str, LogChannel], about: dict[str, Any]) -> str:
-    """The settings and the channels' declarations as JSON."""
+def _settings(log: LogData, folder: Path, record: Mapping[str, Any]) -> str:
+    """The settings and the channels' declarations as JSON, for a file in a folder."""
     declared = {
         name: {field: getattr(channel, field) for field in DECLARED}
-        for name, channel in channels.items()
+        for name, channel in log.channels.items()
     }
-    return json.dumps({"format": FORMAT, "channels": declared, **about})
+    about = {f.name: getattr(log, f.name) for f in fields(LogData) if f.name != "channels"}
+    about |= {
+        "u_min": log.u_min.tolist(), "u_max": log.u_max.tolist(),
+        "source": asdict(log.source) | {"path": path_shown(log.source.path, folder)},
+        "marks": [mark.table for mark in log.marks], "record": written(record, folder),
+        "controller": name_shown(log.controller),
+    }  # fmt: skip
+    return json.dumps({KEY: FORMAT, "channels": declared, **about})
+
+
+def _checked(path: str | Path, channels: Channels, about: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a log, from its channels and its settings as plain data."""
+    check(str(path), channels, about)
+    source, folder = about["source"], Path(path).parent
+    robot = str(bundled_file(source["bundled"] or "") or path_from(source["path"], folder))
+    return about | {
+        "channels": channels, "u_min": np.array(about["u_min"]), "u_max": np.array(about["u_max"]),
+        "source": LoggedRobot(**about["source"] | {"path": robot}),
+        "record": placed(about["record"], folder),
+        "marks": tuple(TaskMark.of(table) for table in about["marks"]),
+    }  # fmt: skip
 
 
 def _declared(where: str, text: Any) -> tuple[Channels, dict[str, Any]]:
@@ -194,11 +229,12 @@ def _declared(where: str, text: Any) -> tuple[Channels, dict[str, Any]]:
     try:
         about = json.loads(text)
     except (ValueError, TypeError, RecursionError) as error:
-        raise InputError(where, f"a log of format {FORMAT}", error) from None
-    said = about.pop("format", None) if isinstance(about, dict) else None
-    if said != FORMAT:
-        got = f"{said}, of another version of softdyn" if said else "another format"
-        raise InputError(where, f"a log of format {FORMAT}", got)
+        raise FormatError(where, f"a log of format {FORMAT}", error) from None
+    said = about.pop(KEY, None) if isinstance(about, dict) else None
+    if said in OLDER:
+        about |= OLDER[said]
+    else:
+        check_format(said, FORMAT, where, "a log")
     found = {}
     try:
         for name, table in about.pop("channels").items():
@@ -211,5 +247,5 @@ def _declared(where: str, text: Any) -> tuple[Channels, dict[str, Any]]:
                 raise ValueError(name)
             found[name] = LogChannel(name, named, units, **table)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InputError(where, "the channels of a log", error) from None
+        raise FormatError(where, "the channels of a log", error) from None
     return found, about

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, SoftModel, State
+from softdyn.controllers.channels import LogChannel
 from softdyn.controllers.controller import guard_of, waiting
 from softdyn.copies import Separate
 from softdyn.estimation import Observer
-from softdyn.validation.channels import LogChannel
 from softdyn.validation.loop.observation import Observation
 from softdyn.validation.loop.plants import Plant
 
@@ -72,7 +72,7 @@ class ControlLoop(Separate):
         self.seen: State | None = None
         self.values: dict[str, np.ndarray] = {}
         self.output: Any = None
-        self.u, self.nanoseconds = np.clip(np.zeros(model.nu), model.u_min, model.u_max), 0
+        self.u, self.nanoseconds = model.relaxed, 0
 
     @property
     def channels(self) -> tuple[LogChannel, ...]:

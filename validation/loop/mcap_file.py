@@ -7,6 +7,7 @@ Messages are JSON. Their time is the run's, from 0 s on.
     /robot_description   std_msgs/msg/String           the robot's URDF
     /NAME                softdyn.NAME                  each channel of the log, e.g. /measured
 
+A channel of one's own whose topic is one of the first three is in /channels/NAME.
 A message of a channel has a number for each column, null where there is none. Its schema states
 the units.
 """
@@ -23,10 +24,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from softdyn import InputError, SoftModel
+from softdyn.controllers.channels import LogChannel
 from softdyn.dynamics.model import check_model
-from softdyn.validation.channels import LogChannel
-from softdyn.validation.files import atomic
+from softdyn.validation.files import atomic, to_json
 from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.provenance import name_shown
+from softdyn.validation.loop.repeat import record_for, whole_record
 
 NANO = 1_000_000_000
 WORLD = "world"
@@ -96,7 +99,11 @@ def save_mcap(path: str | Path, log: Log, model: SoftModel | None = None) -> Non
             data = json.dumps(message, allow_nan=False).encode()
             time = round(t * NANO)
             writer.add_message(topics[topic], log_time=time, publish_time=time, data=data)
-        about = {"robot": log.robot, "controller": log.controller, "reason": log.reason or ""}
+        record = record_for(whole_record(log), Path(path).parent)
+        about = {
+            "robot": log.robot, "controller": name_shown(log.controller),
+            "reason": log.reason or "", "record": to_json(record),
+        }  # fmt: skip
         writer.add_metadata("softdyn", about)
         writer.finish()
 
@@ -104,6 +111,11 @@ def save_mcap(path: str | Path, log: Log, model: SoftModel | None = None) -> Non
 def _columns(channel: LogChannel) -> tuple[str, ...]:
     """The names of a channel's numbers in its messages."""
     return (channel.name,) if channel.columns is None else channel.columns
+
+
+def _topic(name: str) -> str:
+    """The topic of a channel."""
+    return f"/channels/{name}" if f"/{name}" in KNOWN else f"/{name}"
 
 
 def _own(log: Log) -> dict[str, tuple[str, dict[str, Any]]]:
@@ -118,7 +130,7 @@ def _own(log: Log) -> dict[str, tuple[str, dict[str, Any]]]:
             column: kind | ({"description": unit} if unit else {})
             for column, unit in zip(_columns(channel), units, strict=True)
         }
-        found[f"/{name}"] = f"softdyn.{name}", _object(**properties)
+        found[_topic(name)] = f"softdyn.{name}", _object(**properties)
     return found
 
 
@@ -150,7 +162,7 @@ def _messages(log: Log, model: SoftModel) -> Iterator[tuple[float, str, dict[str
             if name != "t" and k < len(channel.values):
                 row = np.atleast_1d(channel.values[k])
                 values = [str(x) for x in row] if channel.text else _numbers(row)
-                yield t, f"/{name}", dict(zip(_columns(channel), values, strict=True))
+                yield t, _topic(name), dict(zip(_columns(channel), values, strict=True))
 
 
 def _stamp(t: float) -> dict[str, int]:

@@ -7,7 +7,8 @@ mean that contains it is None.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtri
@@ -17,6 +18,9 @@ from softdyn.checks import array, number
 
 CM = 100.0  # per m
 SIGMAS = float(ndtri(0.975))  # half a 95 % interval, in standard deviations
+STEP_TIMES = {"median": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}  # percentiles
+RESOLUTION = 1e-6  # m; what is smaller is zero
+SHOWN = {"m": ("cm", CM), "rad": ("degrees", 180 / math.pi)}  # units of a task's figures
 
 
 def mean_square(t: np.ndarray, error: np.ndarray, start: float | None = None) -> float:
@@ -89,3 +93,35 @@ def mean_std(values: Iterable[float | None]) -> tuple[float | None, float | None
     if not cases or not all(math.isfinite(value) for value in cases):
         return None, None
     return float(np.mean(cases)), float(np.std(cases))
+
+
+def quantiles(values: np.ndarray) -> dict[str, float | None]:
+    """The percentiles `STEP_TIMES` of the values that are finite; None without any."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return dict.fromkeys(STEP_TIMES)
+    return {name: float(np.percentile(known, p)) for name, p in STEP_TIMES.items()}
+
+
+def moves(targets: np.ndarray) -> bool:
+    """Whether a reference, or the numbers (N + 1, k) of targets, are a trajectory."""
+    return bool(np.ptp(targets, axis=0).max(initial=0.0) > RESOLUTION)
+
+
+def task_figures(
+    tasks: Sequence[tuple[str, str]], errors: np.ndarray | None
+) -> dict[str, dict[str, Any]]:
+    """First, last and rms error of each task (cm, degrees) of errors (N + 1, tasks), by name.
+
+    `tasks` are names and units.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    if errors is None:
+        return found
+    for k, (name, unit) in enumerate(tasks):
+        shown, factor = SHOWN.get(unit, (unit, 1.0))
+        values = factor * errors[:, k]
+        rms = math.sqrt(float(np.mean(values**2)))
+        found[name] = {"unit": shown, "first": float(values[0]), "last": float(values[-1]),
+                       "rms": rms}  # fmt: skip
+    return found

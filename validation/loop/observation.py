@@ -9,10 +9,10 @@ import numpy as np
 
 import softdyn
 from softdyn import InputError, SoftModel, State
+from softdyn.controllers.channels import LogChannel
 from softdyn.controllers.registry import find_controller, is_own, one_line_errors
 from softdyn.estimation import Ekf, Observer
 from softdyn.exceptions import errors_in
-from softdyn.validation.channels import LogChannel
 from softdyn.validation.loop.plants import Plant
 from softdyn.validation.twin.rig import Rig, rig_of
 

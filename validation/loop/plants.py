@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Protocol, runtime_checkable
@@ -9,13 +10,16 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from softdyn import InputError, SoftModel, State
+from softdyn.controllers.channels import LogChannel
+from softdyn.controllers.controller import IDEAL, KnownRig
 from softdyn.copies import Separate
-from softdyn.validation.channels import LogChannel
-from softdyn.validation.loop.arguments import RunOptions
+from softdyn.safety import Surroundings
+from softdyn.validation.loop.settings import RunOptions
+from softdyn.validation.twin.integrators import Integrator
 from softdyn.validation.twin.plant_errors import PlantErrors
-from softdyn.validation.twin.rig import RiggedPlant, rig_of
-from softdyn.validation.twin.settings import Integrator
+from softdyn.validation.twin.rig import RiggedPlant, cable_friction, rig_of
 from softdyn.validation.twin.state_map import MappedPlant, StateMap
+from softdyn.validation.twin.touch import Touch
 from softdyn.validation.twin.twin import Twin
 
 
@@ -39,6 +43,12 @@ class Plant(Protocol):
         Whether `see` adds noise, bias or latency to q and v.
     sent : np.ndarray, (nu,)
         The last commands, as an observer takes them.
+
+    Notes
+    -----
+    A plant may also have an attribute `known`, a `softdyn.controllers.controller.KnownRig`. A
+    controller gets it when it is reset. Without it a controller takes lag and delay from the
+    robot's file.
     """
 
     @property
@@ -89,6 +99,10 @@ class IdealPlant(Separate):
         Whether anything can touch.
     file : str, optional
         Name of a user's file that is the plant.
+    known : KnownRig
+        What a controller knows of its actuators and cables.
+    around : Surroundings, optional
+        The obstacles of a `Twin`, for their names.
 
     Attributes
     ----------
@@ -96,29 +110,44 @@ class IdealPlant(Separate):
         As above. The others are those of `Plant`.
     """
 
-    channels: tuple[LogChannel, ...] = ()
     real_time = alters_states = False
     sent = np.zeros(0)
 
     def __init__(
-        self, engine: Twin | MappedPlant, states: StateMap, contacts: bool, file: str | None = None
+        self,
+        engine: Twin | MappedPlant,
+        states: StateMap,
+        contacts: bool,
+        file: str | None = None,
+        known: KnownRig = IDEAL,
+        around: Surroundings | None = None,
     ) -> None:
-        self.engine, self._states = engine, states
+        self.engine, self._states, self.known = engine, states, known
+        self.touch = Touch.of(engine, around)
+        self.channels = () if self.touch is None else (self.touch.channel,)
         self.settings = {"contacts": contacts, "plant": file}
 
     def start(
         self, q: np.ndarray, v: np.ndarray, t: float = 0.0, u: np.ndarray | None = None
     ) -> None:
-        """Begin in a state."""
+        """Begin in a state.
+
+        Raises
+        ------
+        InputError
+            A link is deep inside a solid obstacle.
+        """
         self.engine.set_state(*self._states.to_twin(q, v))
+        if self.touch is not None:
+            self.touch.check_start()
 
     def state(self) -> tuple[np.ndarray, np.ndarray]:
         """The robot's q (nq,) and v (nv,)."""
         return self._states.from_twin(self.engine.data.qpos, self.engine.data.qvel)
 
     def sample(self) -> dict[str, np.ndarray]:
-        """Nothing."""
-        return {}
+        """The forces of solid obstacles, if there are any."""
+        return {} if self.touch is None else self.touch.sample(refresh=True)
 
     def see(self, state: State) -> State:
         """The state itself."""
@@ -160,8 +189,12 @@ def plant_of(model: SoftModel, options: RunOptions, period: float, timestep: flo
                 raise InputError(name, expected, "one")
         if isinstance(own, Plant):
             return own
+        if unknown := getattr(own, "unknown", ()):
+            said = ", ".join(unknown)
+            warnings.warn(f"{own.path}: the model does not know of {said}", stacklevel=2)
         own.timestep = timestep
-        return IdealPlant(own, own.states, own.contacts, own.path.name)
+        known = getattr(own, "known", IDEAL)
+        return IdealPlant(own, own.states, own.contacts, own.path.name, known)
     errors = own if isinstance(own, PlantErrors) else PlantErrors()
     twin: dict[str, Any] = {
         "contacts": options.contacts or errors.contacts,
@@ -177,12 +210,28 @@ def plant_of(model: SoftModel, options: RunOptions, period: float, timestep: flo
             if own is not errors or rig.plant != PlantErrors():
                 raise InputError("rig", "none with a plant of your own", "both")
             rig = replace(rig, plant=errors)
-        return RiggedPlant(rig, model, period, **twin)
+        return RiggedPlant(rig, model, period, around=around, **twin)
     make = own if own is not None and own is not errors else errors.twin
     if not callable(make):
         raise InputError("plant", "PlantErrors, a Scene(model, FILE), or what makes a Twin", own)
     engine = make(model.robot, **twin)
-    return IdealPlant(engine, StateMap(model, engine), twin["contacts"])
+    known = KnownRig(friction=cable_friction(model.robot)) if twin["friction"] else IDEAL
+    return IdealPlant(engine, StateMap(model, engine), twin["contacts"], known=known, around=around)
+
+
+def known_rig(plant: Plant, sees: bool) -> KnownRig | None:
+    """What a controller knows of a plant's rig; None where that is the robot's file.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant.
+    sees : bool
+        Whether the controller sees the plant's states, and no observer's. They may be late.
+    """
+    found: KnownRig | None = getattr(plant, "known", None)
+    late = getattr(plant, "lateness", 0.0) if sees else 0.0
+    return replace(found, delay=found.delay + late) if found is not None and late else found
 
 
 def timestep_of(model: SoftModel, options: RunOptions) -> float | None:

@@ -1,4 +1,4 @@
-"""A log's arrays during the run, the counts of the controller, and package versions."""
+"""A log's arrays during the run, and the counts of the controller."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from types import SimpleNamespace
 from typing import Any, Protocol
 
 import numpy as np
 
-import softdyn
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import number
+from softdyn.controllers.channels import LogChannel, values_of
 from softdyn.controllers.controller import Command
 from softdyn.controllers.qps.stacked_error import rows_of
 from softdyn.description.task_mark import TaskMark
 from softdyn.tasks.marks import marks_of, target_row
 from softdyn.tasks.task import Task, errors_along
-from softdyn.validation.channels import LogChannel, every_run, goals
+from softdyn.validation.channels import every_run, goals
+from softdyn.validation.loop.log import check_channel_name
+from softdyn.validation.loop.log_files import SETTINGS
 
 LONGEST = 200  # characters of a status
 LARGEST = 2**53  # of a count: a float represents all integers up to it
@@ -90,19 +90,65 @@ class Recorder:
         self.t, self.samples, self._model = t, 0, model
         self.channels: dict[str, LogChannel] = {}
         self._arrays: dict[str, np.ndarray] = {}
+        self._own: tuple[LogChannel, ...] = ()
         for channel in (*every_run(model), *more):
             self.add(channel)
         self._arrays["t"] = t
 
     def add(self, channel: LogChannel) -> None:
-        """Record one channel more."""
+        """Record one channel more.
+
+        Raises
+        ------
+        InputError
+            Its name or the name of one of its columns is taken.
+        """
+        check_channel_name(channel.name)
+        taken = {SETTINGS, *(name for one in self.channels.values() for name in one.names)}
+        if both := [channel.name] * (channel.name in self.channels) + sorted(
+            {*channel.names} & taken
+        ):
+            raise InputError(
+                "channels", "channels and columns of different names", f"{both[0]} twice"
+            )
         self.channels[channel.name] = channel
         self._arrays[channel.name] = channel.empty(len(self.t))
 
+    def declare(self, channels: Iterable[LogChannel]) -> None:
+        """Record a controller's own channels, whose values are in its answers.
+
+        Raises
+        ------
+        InputError
+            As `add` does, and for the name of a channel that logs of other controllers have.
+        """
+        self._own = tuple(channels)
+        for channel in self._own:
+            check_channel_name(channel.name, own=True)
+            self.add(channel)
+
     def put(self, k: int, **values: Any) -> None:
-        """Record values at sample or step `k`, by the channels' names."""
+        """Record values at sample or step `k`, by the channels' names.
+
+        Raises
+        ------
+        InputError
+            A value of no channel of the run, or of another shape, such as one of a user's plant.
+        """
         for name, value in values.items():
-            self._arrays[name][k] = value
+            try:
+                self._arrays[name][k] = value
+            except KeyError:
+                known = ", ".join(self.channels)
+                raise InputError(
+                    "values of a run", f"names of its channels, {known}", name
+                ) from None
+            except (TypeError, ValueError):
+                shape = self._arrays[name].shape[1:]
+                got = f"shape {np.shape(value)}" if np.shape(value) != shape else repr(value)
+                raise InputError(
+                    f"values of a run: {name}", f"numbers of shape {shape}", got
+                ) from None
 
     def sample(self, k: int, y: np.ndarray, y_ref: np.ndarray) -> float:
         """Record the tip (3,) and its reference (3,) at sample `k`; returns ‖e‖ (m)."""
@@ -112,13 +158,22 @@ class Recorder:
         return math.hypot(*error.tolist())  # no overflow
 
     def output(self, k: int, answer: ControllerOutput, u: np.ndarray, nanoseconds: int) -> None:
-        """Record an answer, its input within the bounds, and the time that it took."""
+        """Record an answer, its input within the bounds, and the time that it took.
+
+        Raises
+        ------
+        InputError
+            Values of a channel that the controller does not declare, or of another shape.
+        """
         status = getattr(answer, "status", "")
         self.put(
             k, u=u, V=_scalar(getattr(answer, "V", None)),
             delta=_scalar(getattr(answer, "delta", None)), step_us=nanoseconds / 1e3,
             status=str(status.value if isinstance(status, Enum) else status)[:LONGEST],
         )  # fmt: skip
+        if self._own or isinstance(answer, Command):  # `values` of others may mean anything
+            for name, value in values_of(self._own, answer).items():
+                self._arrays[name][k] = value[:LONGEST] if isinstance(value, str) else value
         if isinstance(answer, Command) and math.isfinite(answer.distance):
             if "distance" not in self.channels:
                 self.add(LogChannel("distance", units=("m",), held=True))
@@ -225,15 +280,3 @@ def _scalar(value: Any) -> float:
         return float(value)
     except (TypeError, ValueError, OverflowError):
         return math.nan
-
-
-@cache
-def package_versions() -> tuple[tuple[str, str], ...]:
-    """Versions of the packages that influence a run's numbers."""
-    found = [("softdyn", softdyn.__version__)]
-    for package in ("pin", "mujoco", "proxsuite", "numpy"):
-        try:
-            found.append((package, version(package)))
-        except PackageNotFoundError:
-            continue
-    return tuple(found)

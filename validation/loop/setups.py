@@ -12,8 +12,7 @@ import numpy as np
 from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel
 from softdyn.checks import number
 from softdyn.validation.loop.experiment import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
-
-CYCLES = 2
+from softdyn.validation.loop.trajectories import CYCLES, Trajectory
 
 
 @dataclass(frozen=True)
@@ -75,6 +74,10 @@ class Setup:
     def target(self, y: Any) -> Experiment:
         """Reach the point y (3,) of the world (m) within 10 s."""
         return self._experiment("set_point", None, None, SetPoint(y))
+
+    def trajectory(self, trajectory: Trajectory) -> Experiment:
+        """Follow a trajectory of one's own."""
+        return self._experiment("tracking", None, None, trajectory.reference, trajectory.duration)
 
     def _experiment(
         self,

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,14 +12,14 @@ from softdyn.checks import number
 from softdyn.exceptions import one_line
 from softdyn.references import Reference
 from softdyn.tasks import StackedReference
-from softdyn.validation.loop.metrics import CM, mean_square
+from softdyn.validation.loop.log_data import LogData
+from softdyn.validation.loop.metrics import CM, RESOLUTION, mean_square, moves
 
 DIVERGED = 2.0  # ‖e‖ in robot lengths
-RESOLUTION = 1e-6  # m; a final error below it is zero, whatever the initial one was
 TOLERANCE = 0.01  # of the robot's length
 STEADY = 0.1  # last part of a run, in which transients have decayed
 AT_BOUND = 1e-9  # of an input's range
-SHOWN = {"m": ("cm", CM), "rad": ("degrees", 180 / math.pi)}  # units of a task's figures
+INSIDE = 1e-4  # m: contacts give way by less, and sampled barriers do
 
 
 def not_finite(t: float) -> str:
@@ -65,24 +64,22 @@ def tip_diverged(t: float, distance: float, length: float) -> str | None:
     )
 
 
-def not_converged(first: np.ndarray, last: np.ndarray, target: Reference) -> str | None:
+def not_converged(
+    first: np.ndarray, last: np.ndarray, target: Reference, horizon: float = 0.0
+) -> str | None:
     """The reason text of a complete run that failed, from its first and last e (3,) (m), else None.
 
+    It names the horizon τ (s) of the controller's dynamics, if one is on.
     Paths of tasks usually begin at the robot, so they are judged by the verdict alone.
     """
     initial, final = float(np.linalg.norm(first)), float(np.linalg.norm(last))
     if isinstance(target, StackedReference) or final < initial or final <= RESOLUTION:
         return None
+    over = f", with a horizon of {1e3 * horizon:.3g} ms" if horizon else ""
     return (
         f"no convergence: the final error of {100 * final:.3g} cm is not below "
-        f"the initial {100 * initial:.3g} cm"
+        f"the initial {100 * initial:.3g} cm{over}"
     )
-
-
-def rollout_text(robot: str, t: float, y: np.ndarray, reason: str | None) -> str:
-    """The summary of a rollout: its length (s), its last tip (3,) (m), why it failed."""
-    text = f"{robot}, rollout of {t:g} s\ntip at the end {' '.join(f'{x:.6g}' for x in y)} m"
-    return f"{text}\nfailed: {reason}" if reason else text
 
 
 @dataclass(frozen=True)
@@ -118,6 +115,11 @@ class Verdict:
         The tasks whose own steady or final error is beyond the tolerance, see `missed_tasks`.
     by_tasks : bool
         Whether tasks count instead of the tip.
+    inside : dict of str to float
+        How deep (m) the guarded part of the robot is inside obstacles, or links in each other, by
+        their names, if that is more than 0.1 mm and, of tiny robots, than the tolerance. At the end
+        of a set point's run, or at the worst in the last cycle of a trajectory. Such a run has
+        reached nothing.
     """
 
     reached: bool
@@ -131,6 +133,7 @@ class Verdict:
     missed: int | None
     missed_tasks: tuple[str, ...] = ()
     by_tasks: bool = False
+    inside: dict[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, object]:
         """The same figures with the keys of the commands' JSON."""
@@ -144,38 +147,73 @@ class Verdict:
             "share_at_bound": self.at_bound,
             "input_effort": self.effort,
             "missed_deadlines": self.missed,
+            **({"inside_mm": {k: 1e3 * m for k, m in self.inside.items()}} if self.inside else {}),
         }
 
-
-def goal_text(theta: float | None, omega: float | None, y_ref: np.ndarray) -> str:
-    """A run's target in words."""
-    if theta is not None:
-        return f"set point at {theta:g} pi"
-    if omega is not None:
-        return f"tracking at {omega:g} pi rad/s"
-    first, last = (
-        " ".join(f"{round(x, 6) + 0.0:g}" for x in point) for point in (y_ref[0], y_ref[-1])
-    )
-    return f"path from {first} to {last} m" if moves(y_ref) else f"set point at {first} m"
+    @property
+    def inside_text(self) -> str:
+        """Where the robot is inside an obstacle and how deep; empty without any."""
+        return ", ".join(f"{1e3 * m:.3g} mm inside {name!r}" for name, m in self.inside.items())
 
 
-def task_figures(
-    tasks: Sequence[tuple[str, str]], errors: np.ndarray | None
-) -> dict[str, dict[str, Any]]:
-    """First, last and rms error of each task (cm, degrees) of errors (N + 1, tasks), by name.
+def judge(log: LogData, tolerance: float | None = None) -> Verdict:
+    """Whether the run reached its reference, with settling time, effort and missed deadlines.
 
-    `tasks` are names and units.
+    Parameters
+    ----------
+    log : LogData
+        The run.
+    tolerance : float, optional
+        Tolerance (m); 1 % of the robot's length by default.
+
+    Raises
+    ------
+    InputError
+        For a tolerance that is no number > 0.
     """
-    found: dict[str, dict[str, Any]] = {}
-    if errors is None:
-        return found
-    for k, (name, unit) in enumerate(tasks):
-        shown, factor = SHOWN.get(unit, (unit, 1.0))
-        values = factor * errors[:, k]
-        rms = math.sqrt(float(np.mean(values**2)))
-        found[name] = {"unit": shown, "first": float(values[0]), "last": float(values[-1]),
-                       "rms": rms}  # fmt: skip
-    return found
+    wanted = tolerance_of(log.length, log.error, tolerance)
+    cycle = 2 / log.omega if log.omega else None
+    within, since, steady = not log.failed, None, math.nan
+    off: tuple[str, ...] | None = None
+    if log.complete:
+        moving = log.moving
+        steady = steady_error(log.t, log.error, moving, cycle)
+        columns = [] if log.tasks is None else [np.outer(e, [1, 0, 0]) for e in log.tasks.T]
+        each = [
+            max(steady_error(log.t, e, moving, cycle), 0.0 if moving else e[-1, 0]) for e in columns
+        ]
+        off = missed_tasks(log.columns("tasks"), each, wanted, log.length)
+        since = settling_time(log.t, log.error, wanted)
+        if off is None:
+            within &= steady <= wanted and (since is not None or moving)
+        else:
+            within &= not off
+    known = np.isfinite(log.step_us).all()
+    last, inside = log.finite_samples, _inside(log, wanted, cycle)
+    return Verdict(
+        log.complete and within and not inside,
+        wanted,
+        steady,
+        since,
+        overshoot(log.y[:last], log.y_ref[:last]) if last else None,
+        *activity(log.t, log.u, log.u_min, log.u_max),
+        int((log.step_us > 1e6 * log.period).sum()) if known else None,
+        off or (),
+        off is not None,
+        inside,
+    )
+
+
+def _inside(log: LogData, tolerance: float, cycle: float | None) -> dict[str, float]:
+    """The depths (m) of `Verdict.inside`."""
+    around = log.surroundings
+    if log.reserve is None or around is None or not log.complete:
+        return {}
+    since = steady_from(log.t, True, cycle) if log.moving else log.t[-1]
+    rows = log.t >= since
+    found = around.depths(log.reserve[rows], log.y[rows])
+    least = min(INSIDE, tolerance)
+    return {name: depth for name, depth in found.items() if depth > least}
 
 
 def missed_tasks(
@@ -210,14 +248,6 @@ def missed_tasks(
     )
 
 
-def task_lines(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """A line of a summary for each task."""
-    return [
-        f"{name:14} error from {one['first']:.3f} to {one['last']:.3f} {one['unit']}".rstrip()
-        for name, one in figures.items()
-    ]
-
-
 def tolerance_of(length: float | None, error: np.ndarray, asked: float | None = None) -> float:
     """The tolerance (m): the given one, else a share of the robot's length or of the first error.
 
@@ -236,14 +266,14 @@ def steady_error(t: np.ndarray, error: np.ndarray, moving: bool, cycle: float | 
 
     Without a cycle, a reference that moves is judged over the last half.
     """
+    return math.sqrt(mean_square(t, error, start=steady_from(t, moving, cycle)))
+
+
+def steady_from(t: np.ndarray, moving: bool, cycle: float | None) -> float:
+    """Time (s) from which a run counts as steady, see `steady_error`."""
     share = 0.5 if moving else STEADY
     span = share * t[-1] if cycle is None else min(cycle, float(t[-1]))
-    return math.sqrt(mean_square(t, error, start=max(0.0, float(t[-1]) - span)))
-
-
-def moves(targets: np.ndarray) -> bool:
-    """Whether a reference, or the numbers (N + 1, k) of targets, are a trajectory."""
-    return bool(np.ptp(targets, axis=0).max(initial=0.0) > RESOLUTION)
+    return max(0.0, float(t[-1]) - span)
 
 
 def settling_time(t: np.ndarray, error: np.ndarray, tolerance: float) -> float | None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from softdyn.description.rig import CommandKind
 from softdyn.validation.mjcf.compiled_fields import value_of
-from softdyn.validation.twin.drives import UNBOUNDED
+from softdyn.validation.twin.drives import FIRST_PARTS, UNBOUNDED, tag_of
 
 Numbers = tuple[float, ...]
 ROUNDING = 1e-9
@@ -38,11 +38,7 @@ COMMANDS = {
 }
 
 # MuJoCo's elements, or the first two of a reading → kind of the format's
-READ = {
-    ("tendonpos",): "length", ("tendonpos", "tendonvel"): "tension", ("jointpos",): "joint",
-    ("framepos",): "position", ("framepos", "framequat"): "pose", ("gyro",): "gyro",
-    ("accelerometer",): "accelerometer",
-}  # fmt: skip
+READ = {tuple(map(tag_of, parts)): kind.value for kind, parts in FIRST_PARTS.items()}
 
 
 @dataclass(frozen=True)

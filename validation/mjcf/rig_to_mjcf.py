@@ -11,14 +11,14 @@ from collections.abc import Iterator
 
 from lxml import etree
 
-from softdyn.description.rig import CommandKind, SensorKind
+from softdyn.description.rig import CommandKind
 from softdyn.description.robot import Robot
 from softdyn.validation.mjcf.comparison.neutral import Motor
 from softdyn.validation.mjcf.xml_text import add
 from softdyn.validation.twin.drives import (
+    COMPOSED,
     SPARE,
     UNBOUNDED,
-    frame_name,
     part_name,
     parts,
     slack_name,
@@ -27,12 +27,6 @@ from softdyn.validation.twin.drives import (
 
 HAIR = 1e-9  # s; a delay of whole steps must not be rounded up to one more
 ERRORS = ("noise", "bias", "resolution")
-TAGS = {  # by the name of MuJoCo's type
-    "mjSENS_TENDONPOS": "tendonpos", "mjSENS_TENDONVEL": "tendonvel",
-    "mjSENS_ACTUATORFRC": "actuatorfrc", "mjSENS_JOINTPOS": "jointpos",
-    "mjSENS_FRAMEPOS": "framepos", "mjSENS_FRAMEQUAT": "framequat", "mjSENS_GYRO": "gyro",
-    "mjSENS_ACCELEROMETER": "accelerometer",
-}  # fmt: skip
 OBJECTS = {"mjOBJ_TENDON": "tendon", "mjOBJ_ACTUATOR": "actuator", "mjOBJ_JOINT": "joint"}
 
 
@@ -103,14 +97,15 @@ def add_sensors(root: etree._Element, robot: Robot, timestep: float) -> None:
         if sensor.latency > 0 or sensor.rate > 0:
             late = _late(sensor.latency, timestep)
             late["interval"] = (1.0 / sensor.rate, 0.0) if sensor.rate > 0 else None
-        for k, (kind, objtype, name) in enumerate(parts(robot, sensor)):
-            tag = TAGS[kind.name]
-            if name in springs:
+        for k, part in enumerate(parts(robot, sensor)):
+            if part.name in springs:
                 continue
-            end: dict[str, object] = {OBJECTS.get(objtype.name, "site"): name}
-            if tag.startswith("frame"):
-                end = {"objtype": "site", "objname": frame_name(sensor)}
-            add(parent, tag, name=part_name(sensor, k), **end, **late)
+            end: dict[str, object] = {OBJECTS.get(part.objtype.name, "site"): part.name}
+            if part.tag.startswith("frame"):
+                end = {"objtype": "site", "objname": part.name}
+            if part.reference:
+                end |= {"reftype": "site", "refname": part.reference}
+            add(parent, part.tag, name=part_name(sensor, k), **end, **late)
 
 
 def lost_rig(robot: Robot) -> Iterator[str]:
@@ -124,10 +119,10 @@ def lost_rig(robot: Robot) -> Iterator[str]:
     for actuator in robot.actuators:
         if math.isfinite(actuator.rate):
             yield f"actuator {actuator.name!r}: the bound {actuator.rate:g}/s of its command's rate"
-        if actuator.command is CommandKind.VELOCITY and actuator.lag:
+        if actuator.is_speed and actuator.lag:
             yield f"actuator {actuator.name!r}: its lag of {actuator.lag:g} s before an integrator"
     for sensor in robot.sensors:
         if lost := [name for name in ERRORS if any(getattr(sensor, name))]:
             yield f"sensor {sensor.name!r}: its {', '.join(lost)}"
-        if sensor.kind is SensorKind.TENSION:
-            yield f"sensor {sensor.name!r}: its sum; the length, rate and forces are written"
+        if sensor.kind in COMPOSED:
+            yield f"sensor {sensor.name!r}: {COMPOSED[sensor.kind]}"

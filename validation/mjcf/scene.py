@@ -11,9 +11,12 @@ import mujoco
 import numpy as np
 
 from softdyn.checks import array
-from softdyn.copies import Separate
+from softdyn.controllers.controller import KnownRig
+from softdyn.copies import KeepsMaking, Separate
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
+from softdyn.toml_table import TomlTable
+from softdyn.validation.loop.settings import SCENE
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
 from softdyn.validation.mjcf.comparison.from_mjcf import from_mjcf
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
@@ -26,8 +29,12 @@ from softdyn.validation.twin.bodies import TwinJoint
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import check_warnings
 
+# kinds of causes; what only the scene has of them moves it, and the model knows nothing of it
+UNKNOWN = ("feature", "fluid", "wrench", "gravity", "friction", "armature", "coupling")
+FIELDS = ("feature", "fluid")  # whose `where` is a field of MuJoCo's
 
-class Scene(Separate):
+
+class Scene(KeepsMaking, Separate):
     """A MuJoCo model from a user's file, driven in the coordinates of our model.
 
     Everything in the file acts: its contacts, objects, servos, gravity, integrator. States and
@@ -63,6 +70,8 @@ class Scene(Separate):
         Actuators that no input drives.
     slack : np.ndarray
         Actuators that are the springs and dampers of slack tendons, as in `Twin`.
+    known : KnownRig
+        The longest lag and delay of the actuators that the inputs drive.
     joint_names, followers, floating, rest, task, tendons
         As in `Twin`; -1 for a tendon that the scene does not have.
 
@@ -113,12 +122,23 @@ class Scene(Separate):
         self._zero = model.q0
         self.states = StateMap(model, self, called, self.comparison.turns)
         self._drive(ours, theirs)
+        self.known = self._known()
         self.tendons = map_cables(ours, theirs, matched, self.comparison.turns)
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         if timestep is not None:
             self.model.opt.timestep = timestep
         self.data = mujoco.MjData(self.model)
         self.task = self._find_task(ours, called)
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """What acts in the scene and is not in the model, e.g. ``opt.density 1000``."""
+        return tuple(
+            f"{cause.where if cause.kind in FIELDS else f'{cause.kind} of {cause.where}'} "
+            f"{_said(cause.b)}"
+            for cause in self.comparison.causes
+            if cause.kind in UNKNOWN and cause.a in (None, 0.0) and cause.b is not None
+        )
 
     @property
     def timestep(self) -> float:
@@ -186,6 +206,13 @@ class Scene(Separate):
         lower, upper = np.array([(motor.lower, motor.upper) for motor in ours.motors] or [(0, 0)]).T
         self._no_force = self.inputs @ np.clip(0.0, lower, upper)[: len(ours.motors)]
 
+    def _known(self) -> KnownRig:
+        model, driven = self.model, np.abs(self.inputs).sum(axis=1) > 0
+        dynamics = mujoco.mjtDyn
+        lags = np.isin(model.actuator_dyntype, (dynamics.mjDYN_FILTER, dynamics.mjDYN_FILTEREXACT))
+        lag = model.actuator_dynprm[driven & lags, 0].max(initial=0.0)
+        return KnownRig(float(lag), float(model.actuator_delay[driven].max(initial=0.0)))
+
     def _find_task(self, ours: Neutral, called: dict[str, int]) -> tuple[int, np.ndarray]:
         """The body that carries our task frame, and the frame's origin in it, found at our zero."""
         names = {part.link: k for k, part in enumerate(ours.parts)}
@@ -221,3 +248,23 @@ class Scene(Separate):
         moved = [cause for cause in self.comparison.causes if cause.kind == "base"]
         if self.floating and moved:
             raise InputError(str(self.path), "the model's frame of the base", moved[0].detail)
+
+
+def _said(value: Any) -> str:
+    """A value of a cause as text."""
+    numbers = value if isinstance(value, list | tuple) else [value]
+    return " ".join(f"{x:g}" if isinstance(x, float | int) else str(x) for x in numbers)
+
+
+def scene_of(model: SoftModel, given: str | Path | Mapping[str, Any]) -> Scene:
+    """A user's MJCF as a plant, from its path, or from a table as `RunOptions.table` has it.
+
+    Raises
+    ------
+    InputError, UrdfError
+        As of `Scene`.
+    """
+    table = TomlTable(given if isinstance(given, Mapping) else {SCENE: given}, "plant")
+    values = table.rest((SCENE, "mapping", "timestep", "reads"))
+    values.pop("reads", None)  # the files that a record names beside it
+    return Scene(model, values.pop(SCENE), **values)

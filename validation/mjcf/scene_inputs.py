@@ -33,7 +33,8 @@ def map_inputs(
     """Find for each input of the model the actuator of the scene, and the scale between them.
 
     An actuator of the same name is preferred. Otherwise it is one on the same cable, or on the only
-    joint of a fixed tendon. The scale gives each input the force that it has in the model.
+    joint of a fixed tendon. The scale gives each input the force that it has in the model. If the
+    sums of a fixed tendon are not proportional, it is the tension of the tendon of the same name.
 
     Parameters
     ----------
@@ -68,8 +69,8 @@ def map_inputs(
         free = [i for i in fits if not matrix[i].any()]
         where = f"{theirs.path}: actuator for {motor.name!r}"
         if not free:
-            names = ", ".join(m.name for m in theirs.motors) or "none"
-            raise InputError(where, f"one on {motor.target}", names)
+            got = "; ".join(f"{m.name!r} on {m.target}" for m in theirs.motors) or "none"
+            raise InputError(where, f"one on {motor.target}", got)
         chosen = theirs.motors[free[0]]
         if obstacle := obstacles[free[0]]:
             expected = "an actuator whose force is linear in its command, as a motor's or a servo's"
@@ -99,16 +100,24 @@ def _ratio(ours: Pull, theirs: Pull) -> float | None:
     if ours[0] and theirs[0]:
         mine, other = ours[0], theirs[0]
         if mine.keys() != other.keys():
-            return None
+            return _of_one_cable(ours, theirs)
         ratios = np.array([mine[joint] / other[joint] if other[joint] else 0.0 for joint in mine])
-        return (
-            float(ratios[0]) if np.allclose(ratios, ratios[0], rtol=1e-3) and ratios.all() else None
-        )
-    paths = [pull[1] for pull in (ours, theirs)]
-    if any(cable is None or not cable.path for cable in paths) or not theirs[2]:
+        if np.allclose(ratios, ratios[0], rtol=1e-3) and ratios.all():
+            return float(ratios[0])
+    return _of_one_cable(ours, theirs)
+
+
+def _of_one_cable(ours: Pull, theirs: Pull) -> float | None:
+    """Their input that pulls as hard on the cable of the same name; None for two cables.
+
+    The cable's arms may differ, as those of a path do.
+    """
+    first, second = (pull[1] for pull in (ours, theirs))
+    if first is None or second is None or not theirs[2]:
         return None
-    names = [plain_name(cable.name) for cable in paths if cable is not None]
-    return ours[2] / theirs[2] if names[0] == names[1] else None
+    if bool(first.path) != bool(second.path) or plain_name(first.name) != plain_name(second.name):
+        return None
+    return ours[2] / theirs[2]
 
 
 def map_cables(

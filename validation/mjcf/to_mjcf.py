@@ -8,11 +8,12 @@ mass too small to influence the dynamics.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from lxml import etree
 
+from softdyn.description.inertia import Origin
 from softdyn.description.robot import Robot
 from softdyn.description.visuals import (
     BoxShape,
@@ -30,7 +31,7 @@ from softdyn.validation.mjcf.xml_text import Names, add, text
 from softdyn.validation.twin.bodies import Shape as Collision
 from softdyn.validation.twin.bodies import Tree, read_bodies
 from softdyn.validation.twin.build import OFF_SURFACE, ON_SURFACE, neighbours
-from softdyn.validation.twin.drives import LARGEST_FORCE, UNBOUNDED, frame_name, slack_name
+from softdyn.validation.twin.drives import LARGEST_FORCE, UNBOUNDED, sensor_frames, slack_name
 from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF
 
 NEGLIGIBLE = 1e-12  # kg, and kg·m²: for a massless body that cannot be merged with another
@@ -128,7 +129,7 @@ class _Writer:
         used |= self._shapes.keys() | self._hulls.keys()
         used |= {point.part for cable in self._neutral.cables for point in cable.path}
         used.add(self._place[self._robot.task][0])
-        used |= {self._place[sensor.link][0] for sensor in self._robot.sensors if sensor.link}
+        used |= {self._place[link][0] for _, link, _ in self._sensor_sites()}
         massless = not part.inertia.mass and not part.inertia.tensor.any()
         return massless and part.kind != "free" and len(below) == 1 and k not in used
 
@@ -209,18 +210,23 @@ class _Writer:
             if frame.part == k:
                 add(body, "site", name=self._sites.new(name), pos=frame.pose.translation - origin,
                     quat=_quaternion(frame.pose.rotation), size=0.002)  # fmt: skip
-        for sensor in self._robot.sensors:
-            if sensor.link and (carried := self._place[sensor.link])[0] == k:
-                at = carried[1] @ Transform(sensor.origin.rotation, np.array(sensor.xyz))
-                name = self._sites.new(frame_name(sensor))
-                add(body, "site", name=name, pos=at.translation - origin, size=0.002,
-                    quat=_quaternion(at.rotation))  # fmt: skip
+        for name, link, own in self._sensor_sites():
+            if (carried := self._place[link])[0] == k:
+                at = carried[1] @ Transform(own.rotation, own.translation)
+                add(body, "site", name=self._sites.new(name), pos=at.translation - origin,
+                    size=0.002, quat=_quaternion(at.rotation))  # fmt: skip
         for visual in self._shapes.get(k, ()) if shapes else ():
             self._shape(body, visual, origin)
         for hull, pose in self._hulls.get(k, ()):
             at = pose.translation + pose.rotation @ hull.pose[:3, 3]
             add(body, "geom", type=hull.kind, size=hull.size, pos=at - origin, group="3", mass=0,
                 quat=_quaternion(pose.rotation @ hull.pose[:3, :3]))  # fmt: skip
+
+    def _sensor_sites(self) -> Iterator[tuple[str, str, Origin]]:
+        """Name, link and frame of each site of a sensor."""
+        for sensor in self._robot.sensors:
+            for name, (link, frame) in sensor_frames(sensor).items():
+                yield name, link, frame
 
     def _around(self, body: Element, cable: NeutralTendon, index: int, origin: np.ndarray) -> None:
         """A round body of a cable as a geom without mass and contacts."""

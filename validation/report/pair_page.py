@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from softdyn.description.visuals import Rgba
-from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral
+from softdyn.validation.mjcf.comparison.matching import plain_name
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, NeutralTendon
 from softdyn.validation.mjcf.comparison.result import Cause, Comparison, Worst
 from softdyn.validation.mjcf.comparison.side import Side
-from softdyn.validation.report.drawing import RobotDrawing
+from softdyn.validation.report.drawing import ModelDrawing, RobotDrawing, drawing_of
 from softdyn.view.page import Page, PlayedRun, Track
 
 PLAIN = (0.72, 0.74, 0.77, 1.0)
@@ -38,18 +39,33 @@ def pair_page(one: Side, other: Side, found: Comparison) -> Page:
     sides = one.beside(other), other.beside(one)
     a, names = sides[0].neutral, found.matched
     numbers = [{part.name: k for k, part in enumerate(side.neutral.parts)} for side in sides]
+    task = next((side.robot.task for side in sides if not side.is_mjcf), "")
+    plain = [drawing_of(side, task) for side in sides]
     colours: tuple[dict[int, Rgba], dict[int, Rgba]] = ({}, {})
+    cables: tuple[dict[str, Rgba], dict[str, Rgba]] = ({}, {})
     # the largest effect comes last, so that its colour remains
     for cause in reversed(found.causes):
-        for k in () if cause.one_sided else _parts(a, cause):
+        if cause.one_sided:
+            continue
+        colour = DIFFERS if cause.weight else VALUES
+        for k in _parts(a, cause):
             there = WORLD if k == WORLD else numbers[1].get(names.get(a.parts[k].name, ""))
-            colours[0][k] = DIFFERS if cause.weight else VALUES
+            colours[0][k] = colour
             if there is not None:
-                colours[1][there] = colours[0][k]
+                colours[1][there] = colour
+        for drawing, parts, ropes in zip(plain, colours, cables, strict=True):
+            for tendon in _tendons(drawing.robot, cause):
+                if tendon.name in drawing.drawn:
+                    ropes[tendon.name] = colour
+                else:  # a sum of joints without a path
+                    joints = (part.name for part in drawing.robot.parts)
+                    parts |= {k: colour for k, name in enumerate(joints) if name in tendon.terms}
     for place, key in enumerate(("a", "b")):
         colours[place].update({numbers[place][joint]: ALONE for joint in found.unmatched[key]})
-    pairs = zip(sides, colours, strict=True)
-    drawings = [RobotDrawing.of(side).painted(paint, PLAIN) for side, paint in pairs]
+    drawings = [
+        drawing.painted(paint, PLAIN, ropes)
+        for drawing, paint, ropes in zip(plain, colours, cables, strict=True)
+    ]
     states = _states(found.worst)
     times = [k * (MOVE + HOLD) - (MOVE if k else 0.0) for k in range(len(states))]
     motion = []
@@ -72,26 +88,45 @@ def pair_page(one: Side, other: Side, found: Comparison) -> Page:
 
 
 def _tracks(
-    found: Comparison, drawings: list[RobotDrawing], motion: list[np.ndarray], offset: float,
-    opacity: float,
+    found: Comparison, drawings: Sequence[ModelDrawing | RobotDrawing], motion: list[np.ndarray],
+    offset: float, opacity: float,
 ) -> Iterator[Track]:  # fmt: skip
     for k, (key, drawing) in enumerate(zip(("a", "b"), drawings, strict=True)):
-        words = [f"drawn as sticks: {drawing.problem}"] if drawing.problem else []
         yield Track(
-            k, motion[k], f"{key.upper()}: {drawing.robot.path.name}", note="; ".join(words),
+            k, motion[k], f"{key.upper()}: {drawing.robot.path.name}", note=drawing.problem,
             colour=GREY, opacity=opacity if k else 1.0, offset=(k * offset, 0.0, 0.0),
             aims=False,
         )  # fmt: skip
 
 
 def _parts(robot: Neutral, cause: Cause) -> Iterator[int]:
-    """The parts that a cause concerns."""
+    """The parts that a cause concerns: of a joint, link or frame, or of an actuator on a joint."""
+    on = {f"joint:{part.name}": part.name for part in robot.parts}
+    called = {motor.name: on.get(motor.target, "") for motor in robot.motors}
+    where = called.get(cause.where, "") if cause.kind == "actuator" else cause.where
+    # a coupling names two joints, a feature its field and the joint
+    names = {where, *where.split(" and "), where.rpartition(" of ")[2]}
     for k, part in enumerate(robot.parts):
-        if cause.where in (part.name, part.link, *(name for name, _ in part.pieces)):
+        if names & {part.name, part.link, *(name for name, _ in part.pieces)}:
             yield k
-            return
-    if cause.where in robot.frames:
-        yield robot.frames[cause.where].part
+            if cause.kind != "coupling":
+                return
+    if where in robot.frames:
+        yield robot.frames[where].part
+
+
+def _tendons(robot: Neutral, cause: Cause) -> list[NeutralTendon]:
+    """The tendons that a cause concerns; the other file may have them under like names."""
+    if cause.kind not in ("tendon", "actuator", "armature", "friction"):
+        return []
+    names = {plain_name(cause.where)}
+    if cause.kind == "actuator":
+        names = {
+            plain_name(motor.target.removeprefix("tendon:"))
+            for motor in robot.motors
+            if plain_name(motor.name) in names and motor.target.startswith("tendon:")
+        }
+    return [cable for cable in robot.cables if plain_name(cable.name) in names]
 
 
 def _states(worst: tuple[Worst, ...]) -> list[tuple[str, dict[str, list[float]]]]:
@@ -133,4 +168,4 @@ def _rows(found: Comparison) -> tuple[tuple[str, ...], ...]:
         rows.append(("…", f"{len(causes) - ROWS} more"))
     if rows or any(found.unmatched.values()):
         rows.append(("", LEGEND))
-    return ((found.verdict,), *(rows or [("no cause", "changes what both files state")]))
+    return ((found.verdict,), *(rows or [("no cause", "changes the motion")]))

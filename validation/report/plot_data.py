@@ -9,12 +9,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from softdyn.controllers import SoftIdClfQp
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.metrics import CM
 from softdyn.validation.loop.pictures.time_figures import finite_errors
 from softdyn.validation.studies.engine.case import Case
 
-OURS = "soft-id-clf-qp"  # the paper's controller
+OURS = SoftIdClfQp.name  # the paper's controller
 # the target in figures of a single example, in multiples of π
 EXAMPLE = {"set_point": 0.5, "tracking": 0.2}
 Value = TypeVar("Value")

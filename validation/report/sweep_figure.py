@@ -1,23 +1,26 @@
-"""The figure of a sweep: the figure of merit of every case over each parameter that varies."""
+"""Figures of a sweep: every case over each parameter that varies, and a table for a paper."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from softdyn.validation.loop.pictures import plot_style as look
 from softdyn.validation.loop.pictures.time_figures import FINEST
 from softdyn.validation.report.figures import log_axis
 from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.studies.paper_table import Group, PaperTable
 from softdyn.validation.studies.sweep import FIGURES, TARGETS, Sweep, parameter
 from softdyn.validation.studies.sweep_report import Row, label, value_text
 
-MOST = 6  # panels in a row: the first parameters of the file
+MOST, ACROSS = 6, 3  # panels of a robot, the first parameters of the file, and those in a row
+LONG = 10  # characters of the name of a category that is turned
 WIDTH, HEIGHT, CATEGORY = 2.3, 2.1, 0.16  # inch; a category is a value without a scale
 DECADES = 20.0  # ratio of the largest value to the least from which on an axis is logarithmic
 SPREAD = 0.5  # of the room of a category, for its controllers side by side
@@ -29,7 +32,8 @@ class Panel:
 
     Attributes
     ----------
-    title : str
+    name, title : str
+        The parameter, and its title.
     values : dict of str to Any
         Name of a case → its value.
     categories : tuple of str
@@ -38,6 +42,7 @@ class Panel:
         Whether a line joins the medians: the values are a grid of numbers.
     """
 
+    name: str
     title: str
     values: dict[str, Any]
     categories: tuple[str, ...]
@@ -48,55 +53,151 @@ class Panel:
         """Width (inch)."""
         return max(WIDTH, CATEGORY * len(self.categories))
 
+    def differs(self, found: Sequence[Row]) -> bool:
+        """Whether these cases have several values of the parameter."""
+        return len({self.values[case.name] for case, _ in found if case.name in self.values}) > 1
+
     def at(self, case: Case, shift: float) -> float:
         """The horizontal place of a case; categories move by `shift`."""
         value = self.values[case.name]
         return self.categories.index(_text(value)) + shift if self.categories else value
 
 
-def draw(sweep: Sweep, found: Sequence[Row], path: Path) -> bool:
-    """Draw a row of panels per robot, a colour per controller; return whether there is a figure.
+def draw(sweep: Sweep, found: Sequence[Row], path: Path) -> list[Path]:
+    """Draw rows of panels for each robot, a colour per controller; return the PDF and the PNG.
 
-    Where nothing varies, there is none, and an older one is removed.
+    A robot has the panels in which its cases differ. Where nothing varies, there is no figure, and
+    an older one is removed.
+
+    Parameters
+    ----------
+    sweep : Sweep
+    found : sequence of Row
+    path : Path
+        Of the files, without a suffix.
     """
-    panels = [panel for panel in _panels(sweep) if len(set(panel.values.values())) > 1][:MOST]
-    robots = [name for name in sweep.robots if any(case.robot == name for case, _ in found)]
-    if not panels or not robots:
-        path.unlink(missing_ok=True)
-        return False
+    shown = []  # robot, its rows, its panels
+    for robot in sweep.robots:
+        rows = [row for row in found if row[0].robot == robot]
+        differs = [panel for panel in _panels(sweep) if panel.differs(rows)][:MOST]
+        shown += [(robot, rows, differs[k : k + ACROSS]) for k in range(0, len(differs), ACROSS)]
+    if not shown:
+        for suffix in look.SUFFIXES:
+            path.with_suffix(suffix).unlink(missing_ok=True)
+        return []
     colours = look.looks(sweep.controllers, look.CONTROLLERS)
-    widths = [panel.width for panel in panels]
     with look.style():
-        figure, grid = look.panels(
-            len(robots), len(panels), sum(widths) + 0.5, HEIGHT * len(robots) + 0.7,
-            sharex="col", sharey="row", width_ratios=widths,
-        )  # fmt: skip
-        for row, robot in zip(grid, robots, strict=True):
+        figure, grid = _laid_out([[panel.width for panel in panels] for *_, panels in shown])
+        beside: dict[str, Axes] = {}  # the first panel of a robot: the others share its scale
+        for row, (robot, rows, panels) in zip(grid, shown, strict=True):
             for axes, panel in zip(row, panels, strict=True):
+                if beside.setdefault(robot, axes) is not axes:
+                    axes.sharey(beside[robot])
                 for k, controller in enumerate(sweep.controllers):
                     shift = SPREAD * ((k + 0.5) / len(sweep.controllers) - 0.5)
-                    rows = [(case, result) for case, result in found
-                            if (case.robot, case.controller) == (robot, controller)]  # fmt: skip
-                    _draw(axes, panel, rows, sweep.figure, colours[controller], shift)
-            every = [r.get(sweep.figure) for case, r in found if case.robot == robot]
-            values = [value for value in every if value is not None]
+                    own = [row for row in rows if row[0].controller == controller]
+                    _draw(axes, panel, own, sweep.figure, colours[controller], shift)
+                _name(axes, panel, sweep.labels)
+            values = [v for _, result in rows if (v := result.get(sweep.figure)) is not None]
             if values and _spans_decades(values):
-                log_axis(row[0])  # the others of the row share it
-            row[0].set_ylabel(f"{look.robot_title(robot)}\n{FIGURES[sweep.figure]}")
-        for axes, panel in zip(grid[-1], panels, strict=True):
-            axes.set_xlabel(look.plain(panel.title))
-            if panel.categories:
-                names = [look.plain(name) for name in panel.categories]
-                long = max(map(len, names)) > 8
-                axes.set_xticks(range(len(names)), names, rotation=90 if long else 0)
-            elif _spans_decades(list(panel.values.values())):
-                axes.set_xscale("log")
+                log_axis(beside[robot])  # the others of the robot share it
+            title = sweep.labels.get(robot) or look.robot_title(robot)
+            row[0].set_ylabel(f"{title}\n{FIGURES[sweep.figure]}")
         failed = any(result["outcome"] != "done" for _, result in found)
-        titles = {name: look.controller_title(name) for name in sweep.controllers}
+        titles = {n: sweep.labels.get(n) or look.controller_title(n) for n in sweep.controllers}
         dot = look.handle("a case (lines: medians)", (look.NEUTRAL, ""), marker="o", markersize=2.5)
         look.legend_above(figure, [*look.legend_handles(titles, colours, failed), dot])
-        look.write_figure(figure, path)
-    return True
+        return look.save(figure, path)
+
+
+def draw_table(paper: PaperTable, path: Path) -> list[Path]:
+    """Draw a table for a paper: a panel for each of its figures; return the PDF and the PNG.
+
+    The columns are beside each other, and the rows have a colour each; without several columns the
+    rows are beside each other. A bar is the spread of a cell. A figure that no run has is left out.
+
+    Parameters
+    ----------
+    paper : PaperTable
+    path : Path
+        Of the files, without a suffix.
+    """
+    spread = paper.sweep.spread
+    across = len(paper.columns) > 1
+    series, places = (paper.rows, paper.columns) if across else ((), paper.rows)
+    shown = [
+        name for name in paper.sweep.figures
+        if any(np.isfinite(g.centre(spread)[0]) for (*_, n), g in paper.groups.items() if n == name)
+    ]  # fmt: skip
+    if not shown:
+        return []
+    widths = [max(WIDTH, 2 * CATEGORY * len(places))] * len(shown)
+    with look.style():
+        rows = [widths[k : k + ACROSS] for k in range(0, len(shown), ACROSS)]
+        figure, grid = _laid_out(rows)
+        for axes, name in zip((axes for row in grid for axes in row), shown, strict=True):
+            for k, row in enumerate(series or paper.columns):
+                shift = SPREAD * ((k + 0.5) / max(len(series), 1) - 0.5)
+                cells = [(row, x, name) if across else (x, row, name) for x in places]
+                found = [(x + shift, paper.groups.get(cell)) for x, cell in enumerate(cells)]
+                _bars(axes, [(x, g) for x, g in found if g], spread, look.INPUTS[k % 9][0])
+            axes.set_ylabel(look.plain(paper.titled(name)))
+            _ticks(axes, [", ".join(one) for one in places])
+        handles = [
+            look.handle(look.plain(", ".join(row)), (look.INPUTS[k % 9][0], ""), marker="o")
+            for k, row in enumerate(series)
+        ]
+        failed = any(group.failed for group in paper.groups.values())
+        look.legend_above(figure, [*handles, *look.legend_handles({}, {}, failed)])
+        return look.save(figure, path)
+
+
+def _bars(axes: Axes, found: Sequence[tuple[float, Group]], spread: str, colour: str) -> None:
+    """A dot with a bar for each group; a cross on the upper edge where runs have no figure."""
+    middles = [(x, *group.centre(spread)) for x, group in found]
+    known = [one for one in middles if np.isfinite(one[1])]
+    if known:
+        x, middle, below, above = zip(*known, strict=True)
+        bars = np.array([below, above])
+        bars[~np.isfinite(bars)] = 0.0
+        axes.errorbar(
+            x, middle, yerr=bars, fmt="o", color=colour, markersize=3.5, capsize=2, linewidth=0.9
+        )
+    if lost := [x for x, middle, *_ in middles if not np.isfinite(middle)]:
+        axes.plot(
+            lost, [1.0] * len(lost), color=colour, transform=axes.get_xaxis_transform(),
+            clip_on=False, **look.FAILED,
+        )  # fmt: skip
+
+
+def _laid_out(widths: Sequence[Sequence[float]]) -> tuple[Figure, list[list[Axes]]]:
+    """A figure with these panels in each row, by their widths (inch), and no others."""
+    columns = max(map(len, widths))
+    wide = [max(row[k] for row in widths if k < len(row)) for k in range(columns)]
+    figure, grid = look.panels(
+        len(widths), columns, sum(wide) + 0.5, HEIGHT * len(widths) + 0.7, width_ratios=wide
+    )
+    for row, needed in zip(grid, widths, strict=True):
+        for axes in row[len(needed) :]:
+            axes.remove()
+        del row[len(needed) :]
+    return figure, grid
+
+
+def _name(axes: Axes, panel: Panel, labels: Mapping[str, str]) -> None:
+    """Title and values of a panel's horizontal axis."""
+    axes.set_xlabel(look.plain(labels.get(panel.name, panel.title)))
+    if panel.categories:
+        _ticks(axes, [labels.get(name, name) for name in panel.categories])
+    elif _spans_decades(list(panel.values.values())):
+        axes.set_xscale("log")
+
+
+def _ticks(axes: Axes, names: Sequence[str]) -> None:
+    """Names of places beside each other."""
+    long = max(map(len, names)) > LONG
+    axes.set_xticks(range(len(names)), list(map(look.plain, names)), rotation=90 if long else 0)
+    axes.set_xlim(-0.5, len(names) - 0.5)
 
 
 def _panels(sweep: Sweep) -> list[Panel]:
@@ -111,13 +212,15 @@ def _panels(sweep: Sweep) -> list[Panel]:
         kind = TARGETS[axis.name]
         values = {case.name: case.value for case in sweep.cases if case.kind == kind}
         every.append((axis.name, values))
-    return [_panel(name, values, name in drawn) for name, values in every]
+    return [
+        _panel(name, label(name, sweep.unitless), values, name in drawn) for name, values in every
+    ]
 
 
-def _panel(name: str, values: dict[str, Any], drawn: bool) -> Panel:
+def _panel(name: str, title: str, values: dict[str, Any], drawn: bool) -> Panel:
     numeric = all(isinstance(value, float) and np.isfinite(value) for value in values.values())
     texts = () if numeric else tuple(dict.fromkeys(map(_text, values.values())))
-    return Panel(label(name), values, texts, numeric and not drawn)
+    return Panel(name, title, values, texts, numeric and not drawn)
 
 
 def _draw(
@@ -156,4 +259,4 @@ def _spans_decades(values: Sequence[float]) -> bool:
 
 
 def _text(value: Any) -> str:
-    return value if isinstance(value, str) else value_text(value)
+    return value if isinstance(value, str) and value else value_text(value)

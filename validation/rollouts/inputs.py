@@ -89,7 +89,7 @@ class Commanded:
                 if direct[k] and actuator.command is CommandKind.LENGTH:
                     lower[k] = actuator.length_lower - actuator.zero
                     upper[k] = actuator.length_upper - actuator.zero
-                elif direct[k] and actuator.command is CommandKind.VELOCITY:
+                elif direct[k] and actuator.is_speed:
                     lower[k], upper[k] = -math.inf, math.inf
         return cls(direct, lower, upper)
 

@@ -10,11 +10,12 @@ import numpy as np
 
 from softdyn import InputError, Reference, SoftModel, State
 from softdyn.dynamics.model import check_model
-from softdyn.validation.loop.arguments import RunOptions, nowhere
+from softdyn.validation.loop.arguments import nowhere
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.experiment import ROLLOUT
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.plants import IdealPlant
+from softdyn.validation.loop.settings import RunOptions
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.processes import in_order
 from softdyn.validation.rollouts import threads
@@ -51,10 +52,9 @@ def rollout(
         velocities (m/s) of winches, forces of other motors. A free length beyond its bounds is
         refused. `Log.u` has the force that the command gives at the beginning of each period.
     **options : Any
-        The fields of `RunOptions`: ``timestep``, ``integrator``, ``q0``, ``v0``, ``contacts``,
-        ``friction``, ``plant``, ``rig``, and ``period``, the time between two samples of the log
-        (s), an integer part of `hold`; by default the largest that is at most 2 ms. The winches of
-        a rig get commands for inputs that are forces.
+        The settings of the run: the fields of `RunOptions` besides `observer`. ``period`` is the
+        time between two samples of the log (s), an integer part of `hold`; by default the largest
+        that is at most 2 ms. The winches of a rig get commands for inputs that are forces.
 
     Returns
     -------
@@ -118,6 +118,7 @@ def rollouts(
     u = np.array([each for _, each in planned])
     loop = _loop(model, u[0], given, commanded.direct)
     twin = loop.plant.engine if isinstance(loop.plant, IdealPlant) else None
+    twin = twin if given.surroundings is None else None  # threads record no reserve and no force
     if isinstance(twin, Twin) and threads.fits(twin, grid):
         twin.model.opt.enableflags = 0  # nothing here needs the energy
         empty, states = loop.log(), StateMap(model, twin)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,7 +82,7 @@ class AxisReader:
             try:
                 return check(one)
             except InputError as error:
-                raise InputError(f"{self.path}: {key}", error.expected, error.got) from None
+                raise error.about(f"{self.path}: {key}") from None
 
         if isinstance(value, Mapping):
             drawn = next((kind for kind in DRAWN if kind in value), None)
@@ -174,8 +174,10 @@ def plain(value: Any) -> Any:
     return value if isinstance(value, bool | str) else real("value", value)
 
 
-def flat(table: TomlTable) -> Iterator[tuple[tuple[str, ...], Any]]:
+def flat(table: TomlTable, robots: Collection[str] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
     """Path and values of each parameter in a table and the tables below it.
+
+    A table with names of `robots` is the values of one parameter.
 
     Raises
     ------
@@ -183,11 +185,11 @@ def flat(table: TomlTable) -> Iterator[tuple[tuple[str, ...], Any]]:
         A table below it is empty.
     """
     for key, value in table.rest(table.values).items():
-        if not isinstance(value, Mapping) or ONE_VALUE & set(value):
+        if not isinstance(value, Mapping) or {*ONE_VALUE, *robots} & set(value):
             yield (key,), value
         elif not value:
             raise table.error(key, "a value, or a table of some", "an empty table")
         else:
             below = table.table(key)
             assert below is not None
-            yield from (((key, *path), inner) for path, inner in flat(below))
+            yield from (((key, *path), inner) for path, inner in flat(below, robots))

@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from softdyn.controllers.registry import label_of
 from softdyn.validation.files import write_json, write_text
-from softdyn.validation.loop.labels import CONTROLLERS, cell_title
+from softdyn.validation.loop.labels import cell_title
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine.distribution import NOTE, number
 from softdyn.validation.tables import Table, document
@@ -54,7 +55,7 @@ def benchmark_cells(row: dict[str, Any]) -> tuple[str, ...]:
 
     return (
         row["robot"],
-        CONTROLLERS.get(row["controller"], row["controller"]),
+        label_of(row["controller"]),
         ours("sp", "cm", "set_points_cm"),
         theirs("sp", "cm"),
         again("sp", "cm"),

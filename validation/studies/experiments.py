@@ -8,18 +8,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from softdyn import InputError, SoftModel
+from softdyn import InputError, OutOfReach, SoftModel
 from softdyn.checks import array
 from softdyn.description.library import bundled_file
 from softdyn.description.urdf import parse
+from softdyn.exceptions import errors_in
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.metrics import CM, mean_square
 from softdyn.validation.loop.setups import CYCLES, setup, setup_of
+from softdyn.validation.loop.trajectories import TRIED, Trajectory, read_trajectory
 from softdyn.validation.loop.verdict import DIVERGED
 
 THETAS = (0.0, 0.5, 1.0, 1.5)  # set points, in multiples of π
@@ -65,13 +68,55 @@ def experiment(
     return found.tracking(omega)
 
 
+def trajectory(
+    model: SoftModel, source: str | Path, *, periodic: bool = False, period: float | None = None
+) -> Experiment:
+    """A trajectory of one's own, for any robot: a CSV file's, or a class's in FILE.py:CLASS.
+
+    Parameters
+    ----------
+    model : SoftModel
+    source, periodic
+        See `read_trajectory`.
+    period : float, optional
+        Control period (s); that of `setup_of` by default.
+
+    Raises
+    ------
+    InputError
+        A file or class that cannot be used, or a point far outside the robot's reach; the error
+        names the time.
+    """
+    found = setup_of(model)
+    if period is not None:
+        found = replace(found, period=period)
+    return found.trajectory(within_reach(model, source, periodic=periodic))
+
+
+def within_reach(model: SoftModel, source: str | Path, *, periodic: bool = False) -> Trajectory:
+    """A trajectory of one's own, as `read_trajectory`, refused where it leaves the robot's reach.
+
+    Raises
+    ------
+    InputError
+        As `trajectory`.
+    """
+    found = read_trajectory(source, model, periodic=periodic)
+    for t in np.linspace(0.0, found.duration, TRIED):
+        with errors_in(f"{source}: at {t:g} s"):
+            check_reach(model, found.reference(float(t)).y)
+    return found
+
+
 def check_reach(model: SoftModel, target: Any) -> None:
     """Refuse a target (3,) (m) far outside the robot's reach; `statics` judges closer ones.
 
     Raises
     ------
-    InputError
+    OutOfReach
         The error names the reach, and the likely unit of the target.
+    InputError
+        The target is not three finite numbers.
     """
     chain = model.robot.chain(model.robot.task)
     slides = (max(abs(j.lower), abs(j.upper)) for j in chain if j.kind == "prismatic")
@@ -86,7 +131,7 @@ def check_reach(model: SoftModel, target: Any) -> None:
     units = {"cm": 100, "mm": 1000}
     fits = [name for name, factor in units.items() if away / factor <= reach]
     unit = f": in {fits[0]}?" if fits else ""
-    raise InputError("target", within, f"one {away:.3g} m from the base{unit}")
+    raise OutOfReach("target", within, f"one {away:.3g} m from the base{unit}")
 
 
 def set_point(robot: str, theta: float) -> Experiment:

@@ -14,6 +14,7 @@ from softdyn.validation.crosschecks.rest_report import rests_at
 from softdyn.validation.loop import setups
 from softdyn.validation.loop.experiment import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
 
+SPREAD = 8  # equilibria at least from which targets are chosen: fewer are all at the edge
 HELD = 0.01  # s, run of the twin at each equilibrium, which only `softdyn statics` judges
 Target = tuple[str, Any]
 """Kind and value of a case."""
@@ -33,15 +34,21 @@ def study_targets(model: SoftModel, published: Sequence[Target]) -> list[Target]
 
 
 def points(model: SoftModel, count: int, seed: int = 0) -> list[tuple[float, ...]]:
-    """Tip positions (m) of stable equilibria, rounded to 0.1 mm, the outermost first.
+    """Tip positions (m) of stable equilibria, rounded to 0.1 mm, moderate ones first.
+
+    They lie at even ranks between the nearest and the farthest from `statics.rest` of a spread of
+    twice as many, and of `SPREAD` at least. So even a single one is not at the edge of the reach.
 
     Raises
     ------
     InputError
         Inputs that move the tip nowhere.
     """
-    rests = statics.spread_rests(model, count, seed)
-    return [tuple(round(x, 4) + 0.0 for x in one.y.tolist()) for one in rests]
+    start = statics.rest(model).y
+    rests = statics.spread_rests(model, max(2 * count, SPREAD), seed)
+    ranked = sorted(rests, key=lambda one: float(np.linalg.norm(one.y - start)))
+    ranks = dict.fromkeys(np.linspace(0, len(ranked) - 1, count).round().astype(int).tolist())
+    return [tuple(round(x, 4) + 0.0 for x in ranked[k].y.tolist()) for k in ranks]
 
 
 def nearest_stable(model: SoftModel, targets: Mapping[str, np.ndarray]) -> dict[str, float]:

@@ -14,16 +14,18 @@ from pathlib import Path
 from typing import Any
 
 from softdyn import InputError, SoftModel
-from softdyn.controllers import CONTROLLERS, Gains
+from softdyn.controllers import BEYOND, CONTROLLERS, Gains
 from softdyn.controllers.gains import from_table
 from softdyn.controllers.qps.horizon import default_horizon
+from softdyn.controllers.registry import LAWS, is_own, keys_of
 from softdyn.exceptions import errors_in
 from softdyn.validation.files import safe_filename
 from softdyn.validation.loop import setups
 from softdyn.validation.loop.labels import cell_title
+from softdyn.validation.loop.trajectories import Trajectory
 from softdyn.validation.studies.axes import Axis
 from softdyn.validation.studies.engine import worker
-from softdyn.validation.studies.engine.case import NAMES, Case, legible
+from softdyn.validation.studies.engine.case import MOVING, NAMES, OWN, Case, legible
 from softdyn.validation.studies.engine.store import Store
 from softdyn.validation.studies.engine.worker import CaseJob
 from softdyn.validation.studies.study_targets import Target, study_targets
@@ -36,12 +38,13 @@ FIGURES = {
     "second_cycle_mse_cm2": "mean squared error, second cycle (cm²)",
 }
 GAINS = tuple(field.name for field in fields(Gains))
-# name in a file → name in a case
-TARGETS = {name: kind for kind, name in NAMES.items()}
+# name in a file → name in a case; a file is "periodic" if the sweep says so
+TARGETS = {name: kind for kind, name in NAMES.items() if kind != "periodic"}
 RUN = "run"  # the group of the keywords of `RunOptions`; those that are tables are groups too
 GROUPS = (RUN, "plant", "rig")
 SENSORS = "sensors"  # the table of [rig] with a table for each sensor
 NOMINAL = "none"  # the name of the case without a change
+EMPTY = '""'  # an empty text, such as an observer without disturbances, in a table
 SHARE = "horizon_per_eps"  # of [gains]
 IN_MS = ("gains.horizon", "run.period", "rig.delay", "rig.lag", "rig.latency")
 
@@ -72,7 +75,8 @@ def joint_parameters(cases: Iterable[Case]) -> tuple[str, ...]:
     found = (
         f"plant.{key}.{joint}"
         for case in cases for key in BY_JOINT
-        if isinstance(factors := case.options.get("plant", {}).get(key), Mapping)
+        if isinstance(plant := case.options.get("plant"), Mapping)
+        and isinstance(factors := plant.get(key), Mapping)
         for joint in factors
     )  # fmt: skip
     return tuple(dict.fromkeys(found))
@@ -97,9 +101,9 @@ def parameter(case: Case, name: str) -> Any:
     return getattr(case, name)
 
 
-def store(folder: Path) -> Store:
-    """The store of a sweep's results."""
-    return Store(folder, runs="cases")
+def store(folder: Path, timed: bool = False) -> Store:
+    """The store of a sweep's results, with step times if it is `timed`."""
+    return Store(folder, runs="cases", times="times" if timed else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,16 +130,29 @@ class Sweep:
         The robots' analytic models.
     annotations : dict of str to str
         Robot → the file of its annotations, if its own file has none.
+    trajectories : mapping
+        (robot, file or class) → the trajectory of one's own that is a target.
+    periodic : bool
+        Whether the trajectories of files repeat.
+    depends : tuple of str
+        Files that classes of one's own read.
     equilibria : bool
         Whether a robot that is not in the paper moves to equilibria instead.
     shorter_periods : tuple of float
         Control periods (s) to which set points also run, if they are shorter than the usual one.
     changes : mapping
-        Name → changed parameter → robot → its axis of one value or of random samples, with
-        ``default`` for any other robot. Each change runs by itself.
+        Name → axes of one value or of random samples. Each change runs by itself.
     rows : tuple of str
         Parameters that distinguish the rows of a table of all cases. Without any, there is no such
         table.
+    columns : tuple of str
+        Parameters that distinguish the columns of a `PaperTable`.
+    figures : tuple of str
+        The figures of merit in the cells of a `PaperTable`, some of its `MERITS`; none without one.
+    spread : str
+        The statistic of its cells, one of its `SPREADS`.
+    labels : mapping
+        Text → shorter text, in that table and in the figures.
     means : bool
         Whether that table has the mean of each row.
     statics_beyond_cm : float
@@ -161,10 +178,17 @@ class Sweep:
     figure: str
     models: dict[str, SoftModel]
     annotations: dict[str, str]
+    trajectories: Mapping[tuple[str, str], Trajectory]
+    periodic: bool
+    depends: tuple[str, ...]
     equilibria: bool
     shorter_periods: tuple[float, ...]
-    changes: Mapping[str, Mapping[str, Mapping[str, Axis]]]
+    changes: Mapping[str, Sequence[Axis]]
     rows: tuple[str, ...]
+    columns: tuple[str, ...]
+    figures: tuple[str, ...]
+    spread: str
+    labels: Mapping[str, str]
     means: bool
     statics_beyond_cm: float
     must_not_fail: tuple[str, ...]
@@ -173,18 +197,38 @@ class Sweep:
 
     def jobs(self) -> list[CaseJob]:
         """Every case with its dependencies."""
-        return worker.jobs_of(self.cases, folder=self.folder, log=self.logs)
+        return worker.jobs_of(self.cases, folder=self.folder, depends=self.depends, log=self.logs)
 
     def varying(self) -> list[Axis]:
         """Parameters with more than one value, apart from random ones of each joint."""
         return [axis for axis in self.axes if axis.varies and axis.robot is None]
+
+    @cached_property
+    def unitless(self) -> frozenset[str]:
+        """The names of gains that a class of one's own gets: nobody knows their units."""
+        own = (case for case in self.cases if is_own(case.controller))
+        return frozenset(f"gains.{key}" for case in own for key in case.parameters or {})
+
+    @property
+    def grouped(self) -> list[str]:
+        """The parameters in which cases differ; ``target`` and ``change`` are among them."""
+        sizes = {
+            "robot": len(self.robots),
+            "controller": len(self.controllers),
+            "target": len({(case.kind, case.value) for case in self.cases}),
+            "change": len(self.changes),
+            "run.period": 1 + len(self.shorter_periods),
+            **{axis.name: len(axis.values) for axis in self.varying()},
+            "sample": self.samples or 1,
+        }
+        return [name for name, size in sizes.items() if size > 1]
 
     @property
     def parameters(self) -> list[str]:
         """The names of the parameters of the axes and the changes, without gains."""
         named = [axis.name for axis in self.axes]
         named += ["run.period"] if self.shorter_periods else []
-        named += [name for change in self.changes.values() for name in change]
+        named += [axis.name for change in self.changes.values() for axis in change]
         named += joint_parameters(self.cases)
         return [name for name in dict.fromkeys(named) if not name.startswith("gains.")]
 
@@ -207,12 +251,16 @@ class Sweep:
     def cells(self) -> dict[str, Case]:
         """Every case by its place ``row/…/target`` in the table of all cases, row by row.
 
+        None for a sweep without rows, and for one whose cells are of several cases.
+
         Raises
         ------
         InputError
             Two cases have the same place.
         """
         table: dict[str, dict[str, Case]] = {}
+        if self.figures or not self.rows:
+            return {}
         for case, change in self.expanded:
             row = "/".join(change if n == "change" else self.text(case, n) for n in self.rows)
             column = cell_title(case.kind, case.value)
@@ -243,9 +291,12 @@ class Sweep:
                 for fixed, change in product(
                     self._at_periods(robot, kind, combination), self.changes
                 ):
-                    if kind == "point" and "ellipse_scale" in self.changes[change]:
-                        continue  # a point lies on no ellipse
-                    other = [v.get(robot, v["default"]) for v in self.changes[change].values()]
+                    scaled = any(axis.name == "ellipse_scale" for axis in self.changes[change])
+                    if kind in ("point", *OWN) and scaled:
+                        continue  # it lies on no ellipse
+                    other = self._changed(change, robot, controller)
+                    if other is None:
+                        continue  # it is for other controllers
                     for sample in range(self.samples or 1):
                         values = fixed | {
                             axis.name: axis.values[sample if axis.drawn else 0]
@@ -258,6 +309,12 @@ class Sweep:
                         words += [] if index is None else [f"sample_{index}"]
                         case = self._case(robot, controller, kind, goal, values, index, words)
                         yield case, change
+
+    def _changed(self, change: str, robot: str, controller: str) -> list[Axis] | None:
+        """The axes of a change for a robot and a controller; None if it has no effect on them."""
+        every = [axis for axis in self.changes[change] if axis.robot in (None, robot)]
+        found = [axis for axis in every if concerns(axis, controller)]
+        return None if every and not found else found
 
     def axes_of(self, robot: str, controller: str) -> list[Axis]:
         """The axes of a robot's and controller's cases: its own before those of all controllers."""
@@ -272,8 +329,10 @@ class Sweep:
 
     def _targets_of(self, robot: str) -> list[Target]:
         """Kinds and values of the targets; for random samples, kinds and axes."""
+        once = "periodic" if self.periodic else "once"
+        kinds = {**TARGETS, "file": once}
         found = [
-            (TARGETS[axis.name], value)
+            (kinds[axis.name], value)
             for axis in self.targets
             for value in ([axis] if axis.drawn else axis.values)
         ]
@@ -286,7 +345,7 @@ class Sweep:
     ) -> Iterator[dict[str, Any]]:
         """A combination at the shorter periods, then at its own."""
         usual = values.get("run.period", setups.setup_of(self.models[robot]).period)
-        if kind != "tracking":
+        if kind not in MOVING:
             yield from (
                 values | {"run.period": period} for period in self.shorter_periods
                 if period < usual
@@ -322,7 +381,7 @@ class Sweep:
                 annotations=self.annotations.get(robot), sample=sample, words="_".join(words),
                 **groups[""],
             )  # fmt: skip
-            case.grid(model)
+            case.grid(model, self.trajectories.get((robot, target)) if kind in OWN else None)
             if "rig" in options:
                 Rig.of(options["rig"]).robot(model.robot)
         return case
@@ -336,7 +395,9 @@ class Sweep:
             bundled = safe_filename(value) == value
             return value if bundled else legible(value) if len(alike) == 1 else safe_filename(value)
         if name == "run.period" and value is None:
-            value = case.grid(self.models[case.robot]).period
+            value = setups.setup_of(self.models[case.robot]).period
+        if value == "":
+            return EMPTY
         if not isinstance(value, float):
             return safe_filename(str(value))
         return f"{1e3 * value:g} ms" if name in IN_MS else f"{value:g}"
@@ -349,18 +410,30 @@ def _short(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+def concerns(axis: Axis, controller: str) -> bool:
+    """Whether an axis of a change has an effect on a controller."""
+    group, key, _ = place(axis.name)
+    if group != "gains" or axis.controller is not None:
+        return axis.controller in (None, controller)
+    return is_own(controller) or key in (*keys_of(controller), SHARE)
+
+
 def resolve_gains(model: SoftModel, controller: str, given: Mapping[str, Any]) -> Any:
     """All gains of a controller of the paper: those of `given`, else the published ones.
 
-    Its options, such as a horizon, are kept; a horizon may be given as a share of ε. Any other
-    controller gets `given`. Without any, None stands for the controller's own.
+    Its options, such as a horizon, are kept; a horizon may be given as a share of ε. ``best`` and
+    ``mpc`` get those of their keys, and a user's controller gets `given`. Without any, None stands
+    for the controller's own.
     """
+    if controller in BEYOND:
+        given = {key: value for key, value in given.items() if key in keys_of(controller)}
     if controller not in CONTROLLERS or not given:
         return dict(given) or None
     options = CONTROLLERS[controller].options
-    of_others = {SHARE, *(name for one in CONTROLLERS.values() for name in one.options)}
+    of_others = {SHARE, *(key for name in LAWS for key in keys_of(name))}
+    of_others -= {*GAINS}
     own = {name: value for name, value in given.items() if name not in of_others}
-    gains = from_table(model, controller, own, options)
+    gains = from_table(model, CONTROLLERS[controller].published, own, options)
     found = {name: float(value) for name, value in asdict(gains).items()}
     found |= {name: value for name, value in given.items() if name in options}
     return found | ({"horizon": given[SHARE] * default_horizon(gains)} if SHARE in given else {})

@@ -9,21 +9,28 @@ import math
 import os
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import redirect_stdout
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 from softdyn import InputError, SoftModel, UrdfError
 from softdyn.checks import did_you_mean, number
 from softdyn.controllers import CONTROLLERS, Gains
-from softdyn.controllers.registry import is_own, make_controller
+from softdyn.controllers.registry import LAWS, is_own, keys_of, make_controller
+from softdyn.exceptions import errors_in
 from softdyn.files import read_toml
 from softdyn.toml_table import TomlTable
-from softdyn.validation.loop.arguments import RunOptions
+from softdyn.validation.loop.closed_loop import ClosedLoop
+from softdyn.validation.loop.settings import RunOptions, declarations
+from softdyn.validation.loop.trajectories import Trajectory
 from softdyn.validation.studies.axes import DRAWN, MAX_CASES, Axis, AxisReader, Check, flat, plain
-from softdyn.validation.studies.engine import sources
+from softdyn.validation.studies.engine import sources, worker
+from softdyn.validation.studies.engine.case import FILES
+from softdyn.validation.studies.experiments import within_reach
+from softdyn.validation.studies.paper_table import MERITS, SPREADS, TARGET, labelled
 from softdyn.validation.studies.sweep import (
     FIGURES,
     GAINS,
@@ -41,10 +48,14 @@ from softdyn.validation.twin.plant_errors import BY_JOINT, EACH
 
 PARAMETERS = ("gains", *GROUPS, "ellipse_scale")
 KEYS = (
-    "robots", "controllers", "annotations", "targets", *PARAMETERS, "shorter_periods", "changes",
-    "samples", "logs", "figure", "rows", "means", "must_not_fail", "statics_beyond_cm",
+    "robots", "controllers", "annotations", "targets", "depends", *PARAMETERS,
+    "shorter_periods", "changes", "samples", "logs", "figure", "rows", "columns", "figures",
+    "spread", "labels", "means", "must_not_fail",
+    "statics_beyond_cm",
 )  # fmt: skip
+TRIED = 100  # loops that are built at most before anything runs
 POINTS = "[x, y, z] in m, or a list of such"
+DEFAULT = "default"  # in a table by robots, any other robot
 positive = partial(number, "value", above=0.0)
 
 
@@ -54,10 +65,8 @@ def shipped() -> dict[str, Path]:
     return {path.stem: path for path in found}
 
 
-def read_sweep(
-    name: str | Path, instead: Mapping[str, Any] | None = None, build: bool = True
-) -> Sweep:
-    """Read and check a sweep file; its robots are loaded, its controllers found.
+def read_sweep(name: str | Path, instead: Mapping[str, Any] | None = None) -> Sweep:
+    """Read and check a sweep file; its robots are loaded, its controllers built with their gains.
 
     Parameters
     ----------
@@ -68,8 +77,6 @@ def read_sweep(
         Values that replace the file's: lists of `robots` and `controllers`, `period` (s), and for a
         single robot the file of its `annotations` and a table of `gains`. Paths in it are relative
         to the current folder; None keeps the file's value.
-    build : bool
-        Whether each controller is built with its gains, so that its errors appear at once.
 
     Raises
     ------
@@ -83,12 +90,12 @@ def read_sweep(
             raise InputError(str(name), expected, "neither")
         path, folder = known[str(name)], Path()
     said = {key: value for key, value in (instead or {}).items() if value is not None}
-    return sweep_of(read_toml(path), path, folder, said, build)
+    return sweep_of(read_toml(path), path, folder, said)
 
 
 def sweep_of(
     table: Mapping[str, Any], path: Path, folder: Path = Path(),
-    said: Mapping[str, Any] | None = None, build: bool = True,
+    said: Mapping[str, Any] | None = None,
 ) -> Sweep:  # fmt: skip
     """The sweep in a table of the form of a file; see `read_sweep`.
 
@@ -100,8 +107,8 @@ def sweep_of(
         Its name, for messages.
     folder : Path
         Relative paths in it are relative to this folder.
-    said, build
-        `instead` and `build` of `read_sweep`.
+    said : mapping, optional
+        `instead` of `read_sweep`.
 
     Raises
     ------
@@ -110,9 +117,11 @@ def sweep_of(
     """
     reader = _Reader(dict(table), path, folder, dict(said or {}))
     sweep = reader.sweep()
-    _ = sweep.cases, sweep.rows and sweep.cells  # finds errors that no single key shows
-    if build:
-        reader.try_controllers(sweep)
+    # these find errors that no single key shows
+    _ = sweep.cases, sweep.cells
+    reader.check_labels(sweep)
+    reader.try_controllers(sweep)
+    reader.try_options(sweep)
     return sweep
 
 
@@ -127,6 +136,8 @@ def option(name: str, value: Any) -> Any:
     group, key, path = place(name)
     if key == SENSORS and len(path) < 2:
         raise InputError("sensors", "a table for each sensor", value)
+    if group == RUN and key in FILES and isinstance(value, str):
+        return value  # `_Reader.try_options` reads the file
     value = tuple(value) if isinstance(value, list) else value
     table = nested(key, path, value)
     RunOptions.of(table if group == RUN else {group: table})
@@ -159,6 +170,23 @@ def point(value: Any) -> tuple[float, ...]:
     return tuple(number("point", x) for x in value)
 
 
+def text_of(expected: str, value: Any) -> str:
+    """A text that is not empty: the name of a file, or of a class in one.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
+    if not isinstance(value, str) or not value or is_own(value) != (":" in expected):
+        raise InputError("name", expected, repr(value))
+    return value
+
+
+def idle(*_: Any) -> Any:
+    """A controller in the loops that are only built."""
+
+
 class _Reader:
     """The reader of one file."""
 
@@ -177,35 +205,43 @@ class _Reader:
             samples.rest()
         self.axis = AxisReader(self.path, count, seed)
         self.gains: list[str] | None = None  # a user's controller may have any gains
+        self.robots: tuple[str, ...] = ()
+        self.controllers: tuple[str, ...] = ()
 
     def sweep(self) -> Sweep:
         """The sweep of the file."""
         top, count = self.top, self.axis.count
         models = self.read_robots()
+        self.robots = tuple(models)
         controllers = self.read_controllers()
         equilibria, targets = self.read_targets()
-        own_axes, own_gains = self.read_own_gains(controllers)
-        axes = [self.axis(n, n, x, self.check(n)) for n, x in self.parameters(top, own_gains)]
-        axes = [one for axis in axes for one in self.of_each_joint(axis, axes, models)] + own_axes
+        depends = self.read_depends()
+        periodic, trajectories = self.read_trajectories(targets, models)
+        own_gains, axes = self.split(self.axes_in(top, models))
+        axes = [one for axis in axes for one in self.of_each_joint(axis, axes, models)]
         periods = self.values("shorter_periods")
-        changes = {NOMINAL: dict[str, dict[str, Axis]]()} | dict(self.read_changes(models))
-        changed = [
-            axis for change in changes.values() for of in change.values() for axis in of.values()
-        ]
-        if count is not None and not any(axis.drawn for axis in (*targets, *axes, *changed)):
+        changes = {NOMINAL: ()} | dict(self.read_changes(models))
+        every = [*targets, *axes, *(axis for change in changes.values() for axis in change)]
+        if count is not None and not any(axis.drawn for axis in every):
             raise top.error("samples", "a parameter with uniform or log_uniform", "none")
         sizes = {"changes": len(changes), "periods": 1 + len(periods)}
         self.check_size(models, controllers, targets, axes, sizes)
-        rows = self.read_rows(axes, changes)
+        rows, columns = self.read_rows(axes, changes)
+        figures = top.names("figures", (), MERITS)
+        if figures and not rows:
+            raise top.error("figures", "a file with rows", "none")
+        labels = top.table("labels")
         beyond = self.values("statics_beyond_cm")
         if beyond and not rows:
             raise top.error("statics_beyond_cm", "a file with rows", "none")
         return Sweep(
             Path(self.path), self.folder, tuple(models), controllers, tuple(targets), tuple(axes),
             count, self.axis.seed, top.flag("logs"), self.read_figure(targets, axes), models,
-            self.overlays(), equilibria, periods, changes, rows, top.flag("means"),
-            beyond[0] if beyond else math.inf, top.names("must_not_fail", (), changes),
-            self.said.get("gains", {}), own_gains,
+            self.overlays(), trajectories, periodic, depends, equilibria, periods, changes, rows,
+            columns, figures, top.choice("spread", {name: name for name in SPREADS}, "std"),
+            {} if labels is None else {k: labels.text(k) for k in labels.values},
+            top.flag("means"), beyond[0] if beyond else math.inf,
+            top.names("must_not_fail", (), changes), self.said.get("gains", {}), own_gains,
         )  # fmt: skip
 
     def values(self, name: str) -> tuple[float, ...]:
@@ -277,10 +313,11 @@ class _Reader:
                 sources.of_controller(text, self.folder)
             except InputError as error:
                 raise self.top.error("controllers", error.expected, error.got) from None
-        ours = [CONTROLLERS[name] for name in found if name in CONTROLLERS]
-        if ours:
-            self.gains = [*GAINS, *dict.fromkeys(n for one in ours for n in one.options)]
-            if len(ours) == len(found) and all("horizon" in one.options for one in ours):
+        self.controllers = found
+        if not any(is_own(name) for name in found):
+            self.gains = [*dict.fromkeys(key for name in found for key in keys_of(name))]
+            options = [CONTROLLERS[name].options for name in found if name in CONTROLLERS]
+            if len(options) == len(found) and all("horizon" in names for names in options):
                 self.gains.append(SHARE)
         return found
 
@@ -289,8 +326,10 @@ class _Reader:
         table = self.top.needed("targets")
         equilibria = table.flag("equilibria")
         checks: dict[str, Check] = {
-            "theta": partial(number, "theta"), "omega": positive, "point": point
+            "theta": partial(number, "theta"), "omega": positive, "point": point,
+            "file": partial(text_of, "a CSV file"), "class": partial(text_of, "FILE.py:CLASS"),
         }  # fmt: skip
+        table.flag("periodic")  # `read_trajectories` reads it
         axes = []
         for kind, value in table.rest(TARGETS).items():
             if kind == "point" and not isinstance(value, dict):
@@ -300,29 +339,106 @@ class _Reader:
             axes.append(self.axis(f"targets.{kind}", kind, value, checks[kind]))
         if not axes:
             raise InputError(table.where, f"at least one of {', '.join(TARGETS)}", "none")
-        if equilibria and any(a.name == "point" or a.drawn for a in axes):
+        if equilibria and any(a.name not in ("theta", "omega") or a.drawn for a in axes):
             raise table.error("equilibria", "only values of theta and omega", "others")
         return equilibria, sorted(axes, key=lambda axis: list(TARGETS).index(axis.name))
 
+    def read_trajectories(
+        self, targets: list[Axis], models: Mapping[str, SoftModel]
+    ) -> tuple[bool, dict[tuple[str, str], Trajectory]]:
+        """Whether files repeat, and the trajectory of each robot and each file or class."""
+        table = self.top.needed("targets")
+        periodic, found = table.flag("periodic"), dict[tuple[str, str], Trajectory]()
+        named = {axis.name: axis.values for axis in targets if axis.name in ("file", "class")}
+        if periodic and "file" not in named:
+            raise table.error("periodic", "a file of a trajectory", "none")
+        for (name, texts), (robot, model) in product(named.items(), models.items()):
+            for text in texts:
+                with errors_in(f"{self.path}: targets.{name}"), redirect_stdout(sys.stderr):
+                    repeats = periodic and name == "file"
+                    source = self.folder / text
+                    found[robot, text] = within_reach(model, source, periodic=repeats)
+        return periodic, found
+
+    def read_depends(self) -> tuple[str, ...]:
+        """The files that classes of one's own read."""
+        found = self.top.names("depends", ())
+        for name in found:
+            if not (self.folder / name).is_file():
+                raise self.top.error("depends", "files that exist", repr(name))
+        return found
+
     # -- what varies -------------------------------------------------------------------------------
 
-    def parameters(
-        self, table: TomlTable, without: Mapping[str, Any] | None = None
-    ) -> Iterator[tuple[str, Any]]:
+    def axes_in(
+        self, table: TomlTable, models: Mapping[str, SoftModel], at: str = ""
+    ) -> list[Axis]:
+        """The axes of the parameters in a table, which stands at `at`: of the file, or of a change.
+
+        Gains of single controllers come last, so that they override those of all. A table in such a
+        table, as the stages of a schedule, is one value, unless it is a range or by robots.
+        """
+        found = []
+        for name, value in self.parameters(table):
+            found += self.by_robot(at + name, name, value, self.check(name))
+            self.check_joint(name, models, at)
+        gains = table.table("gains")
+        for controller in self.controllers:
+            own = None if gains is None else gains.table(controller)
+            if own is None:
+                continue
+            known = own.values if is_own(controller) else own.rest(keys_of(controller))
+            for key, value in known.items():
+                name, where = f"gains.{key}", f"{at}gains.{controller}.{key}"
+                check = partial(gain, key) if controller in CONTROLLERS else plain
+                ranges = isinstance(value, dict) and {"from", *DRAWN} & set(value)
+                whole = isinstance(value, dict) and not ranges and not self.differs(value, at != "")
+                axes = [Axis(name, (value,))] if whole else self.by_robot(where, name, value, check)
+                found += [replace(axis, controller=controller) for axis in axes]
+        return found
+
+    def split(self, axes: list[Axis]) -> tuple[dict[str, dict[str, Any]], list[Axis]]:
+        """The fixed gains of each controller, those of the caller too; and what is left of axes."""
+        own: dict[str, dict[str, Any]] = {}
+        for name in self.controllers:
+            where = f"{self.path}: gains.{name}"
+            said = dict(TomlTable(self.said_own.get(name, {}), where).values)
+            mine = {axis.name.partition(".")[2]: axis.values[0] for axis in axes
+                    if axis.controller == name and isinstance(axis.values[0], dict)}  # fmt: skip
+            own[name] = mine | said
+        return own, [
+            axis for axis in axes
+            if axis.name.partition(".")[2] not in own.get(axis.controller or "", {})
+        ]  # fmt: skip
+
+    def parameters(self, table: TomlTable) -> Iterator[tuple[str, Any]]:
         """Name and values of each parameter in a table, but not of gains of one controller."""
         for group in ("gains", *GROUPS):
             below = table.table(group)
             if below is None:
                 continue
+            if group == RUN:
+                keys = [key for key in declarations() if key not in ("name", *GROUPS)]
+                below.rest([*keys, "plant"])
+                if "plant" in below.values and "plant" in table.values:
+                    raise below.error("plant", "a file here, or a table [plant]", "both")
             if group == "gains":
-                below = TomlTable({k: v for k, v in below.values.items() if k not in (
-                    without or {})}, below.where)  # fmt: skip
-                if self.gains is not None:
-                    below = TomlTable(below.rest(self.gains), below.where)
-            for path, value in flat(below):
+                of_all = {k: v for k, v in below.values.items() if k not in self.controllers}
+                below = TomlTable(of_all, below.where)
+                self.check_gains(below)
+            for path, value in flat(below, self.robots):
                 yield ".".join((group, *path)), value
         if "ellipse_scale" in table.values:
             yield "ellipse_scale", table.values["ellipse_scale"]
+
+    def check_gains(self, table: TomlTable) -> None:
+        """Refuse a table of a controller that the file does not run, and a gain that none has."""
+        for key in table.values:
+            if is_own(key) or key in LAWS:
+                expected = f"one of {', '.join(self.controllers)}"
+                raise table.error(key, expected, did_you_mean(key, self.controllers))
+        if self.gains is not None:
+            table.rest([*self.gains, *self.controllers])
 
     def check(self, name: str) -> Check:
         """The check of a parameter's value, by its name."""
@@ -331,13 +447,33 @@ class _Reader:
             return partial(gain, key)
         return partial(option, name) if group else positive
 
+    def differs(self, value: Any, change: bool) -> bool:
+        """Whether a value is a table with a value for each robot; in a change also for others."""
+        if not value or not isinstance(value, Mapping):
+            return False
+        return {*value} <= {*self.robots, DEFAULT} or (change and DEFAULT in value)
+
+    def by_robot(self, key: str, name: str, value: Any, check: Check) -> list[Axis]:
+        """The axis at `key`; of a table with names of robots, one for each robot."""
+        change = key.startswith("changes.")  # the draws of one are the same for each robot
+        if not self.differs(value, change):
+            return [self.axis(key, name, value, check)]
+        lacking = [robot for robot in self.robots if robot not in value]
+        if lacking and DEFAULT not in value:
+            expected = f"a value of {lacking[0]}, or {DEFAULT}"
+            raise InputError(f"{self.path}: {key}", expected, f"those of {', '.join(value)}")
+        found = {robot: value.get(robot, value.get(DEFAULT)) for robot in self.robots}
+        return [
+            replace(self.axis(key if change else f"{key}.{robot}", name, one, check), robot=robot)
+            for robot, one in found.items()
+        ]
+
     def of_each_joint(
         self, axis: Axis, axes: list[Axis], models: Mapping[str, SoftModel]
     ) -> Iterator[Axis]:
         """An axis; instead of a random one of each joint, one for every joint without its own."""
         group, key, path = place(axis.name)
         if path != (EACH,):
-            self.check_joint(axis.name, models)
             yield axis
         elif not axis.drawn:
             if axis.varies:
@@ -365,58 +501,25 @@ class _Reader:
                 expected = f"a joint of {robot}, or {EACH}"
                 raise InputError(f"{self.path}: {at}{name}", expected, did_you_mean(joint, known))
 
-    def read_own_gains(
-        self, controllers: tuple[str, ...]
-    ) -> tuple[list[Axis], dict[str, dict[str, Any]]]:
-        """The gains of single controllers in [gains]: varying ones, and fixed ones.
-
-        A table in such a table, as the stages of a schedule, is fixed.
-        """
-        axes, fixed = list[Axis](), dict[str, dict[str, Any]]()
-        gains, spread = self.top.table("gains"), {"from", *DRAWN}
-        for name in controllers:
-            table = None if gains is None else gains.table(name)
-            values = {} if table is None else table.values
-            if table is not None and name in CONTROLLERS:
-                values = table.rest([*GAINS, *CONTROLLERS[name].options])
-            said = dict(TomlTable(self.said_own.get(name, {}), f"{self.path}: gains.{name}").values)
-            fixed[name] = {}
-            for key, value in values.items():
-                if key not in said and (not isinstance(value, dict) or spread & set(value)):
-                    check = partial(gain, key) if name in CONTROLLERS else plain
-                    axis = self.axis(f"gains.{name}.{key}", f"gains.{key}", value, check)
-                    axes.append(replace(axis, controller=name))
-                else:
-                    fixed[name][key] = value
-            fixed[name] |= said
-        return axes, fixed
-
     def read_changes(
         self, models: Mapping[str, SoftModel]
-    ) -> Iterator[tuple[str, dict[str, dict[str, Axis]]]]:
+    ) -> Iterator[tuple[str, tuple[Axis, ...]]]:
         """Each change by its name; a list of values makes one change per value."""
         names, every = {NOMINAL}, self.top.table("changes")
         for text in every.values if every is not None else ():
             assert every is not None
-            key, table = f"changes.{text}", every.table(text)
-            fields, lists = dict[str, dict[str, Axis]](), list[Axis]()
-            assert table is not None
+            key, table = f"changes.{text}", every.needed(text)
             table.rest(PARAMETERS)
-            for name, value in self.parameters(table):
-                at = f"{key}.{name}"
-                differs = isinstance(value, dict) and "default" in value  # between robots
-                each = value if differs else {"default": value}
-                check = self.check(name)
-                read = {robot: self.axis(at, name, x, check) for robot, x in each.items()}
-                self.check_joint(name, models, f"{key}.")
-                lists += [axis for axis in read.values() if axis.varies and not axis.drawn]
-                own = place(name)[2] == (EACH,) and any(axis.drawn for axis in read.values())
-                if own or (differs and lists) or len(lists) > 1:
-                    raise InputError(
-                        f"{self.path}: {at}", "one value, or one list per change", value
-                    )
-                fields[name] = read
-            if not fields:
+            axes = self.axes_in(table, models, f"{key}.")
+            lists = [axis for axis in axes if axis.varies and not axis.drawn]
+            odd = [axis for axis in axes if axis.drawn and place(axis.name)[2] == (EACH,)]
+            odd += [*lists[1:], *(axis for axis in lists if axis.robot is not None)]
+            for axis in odd:
+                where = f"{self.path}: {key}.{axis.name}"
+                raise InputError(
+                    where, "one value, or one list per change", axis.drawn or axis.values
+                )
+            if not axes:
                 raise every.error(text, "a table of parameters", "an empty one")
             for value in lists[0].values if lists else [None]:
                 short = f"{value:g}" if isinstance(value, float) else str(value)
@@ -425,18 +528,26 @@ class _Reader:
                     expected = "a unique name, with {} for a list and without /"
                     raise every.error(text, expected, title)
                 names.add(title)
-                only = {a.name: {"default": replace(a, values=(value,))} for a in lists}
-                yield title, fields | only
+                yield (
+                    title,
+                    tuple(
+                        replace(axis, values=(value,)) if axis in lists else axis for axis in axes
+                    ),
+                )
 
-    def read_rows(self, axes: list[Axis], changes: Mapping[str, Any]) -> tuple[str, ...]:
+    def read_rows(
+        self, axes: list[Axis], changes: Mapping[str, Any]
+    ) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The parameters of the rows and the columns of a table of all cases."""
         known = ("robot", "controller", "change", "sample", "run.period", "gains.horizon",
                  *(axis.name for axis in axes))  # fmt: skip
+        columns = self.top.names("columns", (TARGET,), (TARGET, *known))
         rows = [*self.top.names("rows", (), known)]
         if not rows and len(changes) > 1:
             raise self.top.error("rows", "parameters that distinguish the changes", "nothing")
         if rows and "period" in self.said and "run.period" not in rows:
             rows.insert(rows.index("change") if "change" in rows else len(rows), "run.period")
-        return tuple(rows)
+        return tuple(rows), columns
 
     def read_figure(self, targets: list[Axis], axes: list[Axis]) -> str:
         tracks = [axis.name == "omega" for axis in targets]
@@ -447,6 +558,15 @@ class _Reader:
             expected = "final_error_cm or mse_cm2 unless every case tracks two whole cycles"
             raise self.top.error("figure", expected, figure)
         return figure
+
+    def check_labels(self, sweep: Sweep) -> None:
+        """Refuse a label of something that is in no table."""
+        known = labelled(sweep) if sweep.labels else []
+        for name in sweep.labels:
+            if name not in known:
+                expected = f"one of {', '.join(known)}"
+                where = f"{self.path}: [labels]: {name}"
+                raise InputError(where, expected, did_you_mean(name, known))
 
     # -- checks of the whole file -----------------------------------------------------------------
 
@@ -472,7 +592,41 @@ class _Reader:
             except InputError as error:
                 origin = "--gains" if "gains" in self.said else self.path
                 where = f"{origin}: {case.controller} for {case.robot}: {error.name}"
-                raise InputError(where, error.expected, error.got) from None
+                raise error.about(where) from None
+
+    def try_options(self, sweep: Sweep) -> None:
+        """Build a loop with each start, scene, obstacles and observer: as a run would refuse them.
+
+        Each combination is tried once with each robot, at most `TRIED` of them.
+        """
+        tried: set[str] = set()
+        for case in sweep.cases:
+            given = {k: case.options[k] for k in ("q0", "v0", *FILES) if k in case.options}
+            some = {k: v for k, v in given.items() if not isinstance(v, Mapping)}
+            key = repr((case.robot, some))
+            if not some or key in tried or len(tried) == TRIED:
+                continue
+            tried.add(key)
+            model, options = sweep.models[case.robot], dict(case.options)
+            with errors_in(f"{self.path}: run"), redirect_stdout(sys.stderr):
+                for name, text in worker.files_of(case):
+                    where = f"{self.path}: run.{name}"
+                    with errors_in(where), self.one_line(where):
+                        source = sources.of_option(name, text, self.folder, sweep.depends)
+                        options[name] = sources.option_of(source, name, model, {})
+                path = sweep.trajectories.get((case.robot, str(case.value)))
+                ClosedLoop(model, idle, case.experiment(model, path), RunOptions.of(options))
+
+    @contextmanager
+    def one_line(self, where: str) -> Iterator[None]:
+        """Turn an error of a file that an option names into one of this file."""
+        try:
+            yield
+        except UrdfError as error:
+            raise InputError(where, error.expected, f"{error.got} in {error.element}") from None
+        except OSError as error:
+            got = f"{error.filename}: {error.strerror}"
+            raise InputError(where, "a readable file", got) from None
 
     def check_size(
         self, robots: Any, controllers: Any, targets: list[Axis], axes: Any, more: dict[str, int]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from softdyn.validation.studies.engine.store import OUTCOMES, Store
 from softdyn.validation.studies.engine.worker import CaseJob
 from softdyn.validation.studies.study_targets import nearest_stable
 from softdyn.validation.studies.sweep import (
+    EMPTY,
     FIGURES,
     SENSORS,
     SHARE,
@@ -79,11 +80,16 @@ class Setting:
 
 
 def sweep_rows(jobs: Iterable[CaseJob], store: Store) -> list[Row]:
-    """Cases with their results, in the sweep's order; cases that never ran are left out."""
-    found = (
-        (j.case, store.figures(j.case, j.name) if j.log else store.result(j.name)) for j in jobs
-    )
-    return [(case, result) for case, result in found if result is not None]
+    """Cases with their results, in the sweep's order; cases that never ran are left out.
+
+    A result has the case's ``step_us`` if the store keeps step times.
+    """
+    found = ((j, store.figures(j.case, j.name) if j.log else store.result(j.name)) for j in jobs)
+    return [
+        (job.case, result | ({"step_us": store.step_times(job.name)} if store.times else {}))
+        for job, result in found
+        if result is not None
+    ]
 
 
 def settings(found: Iterable[Row], figure: str) -> list[Setting]:
@@ -119,7 +125,7 @@ def plan(sweep: Sweep, jobs: Sequence[CaseJob], missing: Sequence[CaseJob]) -> d
         "sweep": str(sweep.path),
         "cases": len(jobs),
         "missing": len(missing),
-        "simulated_s": sum(j.case.grid(sweep.models[j.case.robot]).duration for j in missing),
+        "simulated_s": sum(job.simulated for job in missing),
         "names": [job.name for job in jobs],
     }
 
@@ -131,15 +137,16 @@ def plan_text(plan: Mapping[str, Any]) -> str:
 
 
 def write_sweep(
-    sweep: Sweep, found: list[Row], folder: Path, table: str = "", picture: str = ""
-) -> list[str]:
+    sweep: Sweep, found: list[Row], folder: Path, table: str = "", picture: str = "",
+    more: Mapping[str, str] | None = None,
+) -> list[str]:  # fmt: skip
     """Write every case as CSV, and `table` or the best cases as Markdown; return the files.
 
-    `picture` is the name of a figure beside them.
+    `picture` is the name of a figure beside them; `more` are further files by their names.
     """
     shown = f"![Every case]({picture})" if picture else ""
     text = to_markdown(sweep, found, table, shown)
-    texts = {"sweep.csv": to_csv(sweep, found), "sweep.md": text}
+    texts = {"sweep.csv": to_csv(sweep, found), "sweep.md": text, **(more or {})}
     for name, text in texts.items():
         write_text(folder / name, text)
     return [str(folder / name) for name in texts]
@@ -191,7 +198,8 @@ def to_csv(sweep: Sweep, found: list[Row]) -> str:
     gains = dict.fromkeys(f"gains.{name}" for case, _ in found for name in case.parameters or {})
     names = dict.fromkeys(["theta", "omega", *gains, *sweep.parameters, "sample"])
     titles = ["robot", "controller", *(f"{n} (m)" for n in "xyz")]
-    titles += [f"{name} ({unit})" if (unit := unit_of(name)) else name for name in names]
+    units = {name: unit_of(name, sweep.unitless) for name in names}
+    titles += [f"{name} ({unit})" if unit else name for name, unit in units.items()]
     lines = []
     for case, result in found:
         point = parameter(case, "point") or (None, None, None)
@@ -225,7 +233,8 @@ def to_markdown(sweep: Sweep, found: list[Row], table: str = "", shown: str = ""
 
 def cell_tables(sweep: Sweep, cells: Mapping[str, Distribution]) -> str:
     """Tables of all cells; with means, one table of final errors and one of trajectories."""
-    titles, asked = [TITLES.get(name) or label(name) for name in sweep.rows], sweep.cells
+    asked = sweep.cells
+    titles = [TITLES.get(name) or label(name, sweep.unitless) for name in sweep.rows]
     kinds = [("", {"set_point", "point", "tracking"})]
     if sweep.means:
         kinds = [("mean (cm)", {"set_point", "point"}), ("mean (cm²)", {"tracking"})]
@@ -271,7 +280,8 @@ def _counts(found: list[Row], total: int) -> str:
 def _varied(sweep: Sweep) -> list[str]:
     lines = []
     # of the random factors of each joint, one stands for all
-    joints = {axis.name.rpartition(".")[0]: axis for axis in sweep.axes if axis.robot is not None}
+    by_robot = [axis for axis in sweep.axes if axis.robot is not None and place(axis.name)[2]]
+    joints = {axis.name.rpartition(".")[0]: axis for axis in by_robot}
     each = (replace(axis, name=f"{name} of each joint") for name, axis in joints.items())
     for axis in (*sweep.targets, *sweep.varying(), *each):
         if axis.drawn:
@@ -282,7 +292,7 @@ def _varied(sweep: Sweep) -> list[str]:
             text = f"{len(axis.values)} values from {' to '.join(ends)}"
         else:
             text = ", ".join(value_text(value) for value in axis.values)
-        lines.append(f"- {label(axis.name)}: {text}")
+        lines.append(f"- {label(axis.name, sweep.unitless)}: {text}")
     return lines
 
 
@@ -322,7 +332,7 @@ def ranked(found: Iterable[Row], figure: str) -> list[Row]:
 def _columns(sweep: Sweep) -> dict[str, str]:
     """Heading → parameter, for all varying parameters except robots and targets."""
     names = {"controller": "controller"} if len(sweep.controllers) > 1 else {}
-    return names | {label(axis.name): axis.name for axis in sweep.varying()}
+    return names | {label(axis.name, sweep.unitless): axis.name for axis in sweep.varying()}
 
 
 def _inputs(case: Case, names: dict[str, str]) -> list[str]:
@@ -340,7 +350,7 @@ def _reasons(sweep: Sweep, found: list[Row]) -> list[str]:
     if not failures:
         return []
     names = _columns(sweep)
-    called = {c.name: name for name, c in sweep.cells.items()} if sweep.rows else {}
+    called = {c.name: name for name, c in sweep.cells.items()}
     parts = []
     for case, result in failures[:SHOWN_REASONS]:
         inputs = [f"{n} = {v}" for n, v in zip(names, _inputs(case, names), strict=True)]
@@ -352,15 +362,21 @@ def _reasons(sweep: Sweep, found: list[Row]) -> list[str]:
     return ["## Failed cases", "\n".join(parts)]
 
 
-def label(name: str) -> str:
-    """A parameter with its unit, e.g. ``Kp (1/s²)``."""
-    short = SYMBOLS.get(name, name.partition(".")[2] or name)
-    unit = unit_of(name)
-    return f"{short} ({unit})" if unit else short
+def label(name: str, unitless: Collection[str] = ()) -> str:
+    """A parameter with its unit, e.g. ``Kp (1/s²)``, if it is not `unitless`."""
+    unit = unit_of(name, unitless)
+    return f"{title_of(name)} ({unit})" if unit else title_of(name)
 
 
-def unit_of(name: str) -> str:
+def title_of(name: str) -> str:
+    """A parameter's name in texts."""
+    return SYMBOLS.get(name, name.partition(".")[2] or name)
+
+
+def unit_of(name: str, unitless: Collection[str] = ()) -> str:
     """The unit of a parameter; empty if it has none, or one that depends on the sensor."""
+    if name in unitless:
+        return ""
     _, key, path = place(name)
     if key == SENSORS:
         return {"latency": "s", "rate": "Hz"}.get(path[-1], "")
@@ -375,4 +391,4 @@ def value_text(value: Any) -> str:
         return str(value).lower()
     if isinstance(value, tuple):
         return "(" + ", ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in value) + ")"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value) or EMPTY

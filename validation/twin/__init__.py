@@ -1,7 +1,8 @@
 """The MuJoCo plant, built from the URDF by its own path.
 
 - `twin`: the plant: its state, integration under a held input, MuJoCo's warnings
-- `settings`: MuJoCo's settings: solver, integrators, stiffness of stops, disable flags
+- `integrators`: MuJoCo's integrators by name
+- `settings`: MuJoCo's settings: solver, stiffness of stops, disable flags
 - `bodies`: the rigid bodies of a URDF, read by the second parser
 - `plain_urdf`: what that parser can read of the file: quaternions, capsules and other shapes
 - `build`: the MuJoCo model: bodies, joints, tendons, actuators, collision shapes
@@ -12,6 +13,6 @@
 - `cable_course`: turns of a cable around round bodies, from MuJoCo's points of its path
 - `drives`: tendons, inputs and sensors in MuJoCo's terms
 - `readings`: what the sensors of a twin read
-- `obstacles`: obstacles as geoms
+- `obstacles`, `touch`: obstacles as solid geoms, and the forces of contacts with them
 - `rig`: the rig of a run: drives, sensors, measured states
 """

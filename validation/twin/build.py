@@ -115,8 +115,8 @@ def _specify(robot: Robot, tree: Tree, timestep: float | None) -> mujoco.MjSpec:
     drives.add_inputs(spec, robot, timestep)
     if timestep is not None:
         for sensor in robot.sensors:
-            if sensor.link:
-                _add_site(bodies, tree, sensor.link, sensor.origin, drives.frame_name(sensor))
+            for name, (link, origin) in drives.sensor_frames(sensor).items():
+                _add_site(bodies, tree, link, origin, name)
             drives.add_sensor(spec, robot, sensor, timestep)
     return spec
 

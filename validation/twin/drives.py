@@ -12,10 +12,12 @@ tendon springs and dampers cannot do this: a damper there acts on a slack tendon
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
+from softdyn.description.inertia import Origin
 from softdyn.description.rig import Actuator, CommandKind, Sensor, SensorKind
 from softdyn.description.robot import Robot, Tendon, Wrap
 from softdyn.exceptions import InputError
@@ -27,36 +29,64 @@ MOST_STEPS = 200_000  # in a delay: 10 s in steps of 0.05 ms
 SPARE = 2  # entries of a history beyond those that its delay spans
 
 _SENSOR, _OBJECT = mujoco.mjtSensor, mujoco.mjtObj
-_OF_FRAME = {
+FIRST_PARTS = {
+    SensorKind.LENGTH: (_SENSOR.mjSENS_TENDONPOS,),
+    SensorKind.TENSION: (_SENSOR.mjSENS_TENDONPOS, _SENSOR.mjSENS_TENDONVEL),
+    SensorKind.JOINT: (_SENSOR.mjSENS_JOINTPOS,),
     SensorKind.POSITION: (_SENSOR.mjSENS_FRAMEPOS,),
     SensorKind.POSE: (_SENSOR.mjSENS_FRAMEPOS, _SENSOR.mjSENS_FRAMEQUAT),
     SensorKind.GYRO: (_SENSOR.mjSENS_GYRO,),
     SensorKind.ACCELEROMETER: (_SENSOR.mjSENS_ACCELEROMETER,),
+    SensorKind.BEND: (_SENSOR.mjSENS_FRAMEXAXIS,),
 }
-Part = tuple[
-    mujoco.mjtSensor, mujoco.mjtObj, str
-]  # type of MuJoCo's sensor, its object's type, name
+"""MuJoCo's sensors of each kind; a tension also has the force of each actuator."""
+COMPOSED = {
+    SensorKind.TENSION: "its sum; the length, rate and forces are written",
+    SensorKind.BEND: "its angle, atan2(y, x) of the axis that is written",
+}
+"""The kinds that no file of MuJoCo's states, with the parts that it does."""
 
 
-def parts(robot: Robot, sensor: Sensor) -> list[Part]:
+class SensorPart(NamedTuple):
+    """A sensor of MuJoCo's: its type, its object's type and name, and a site that it refers to."""
+
+    kind: mujoco.mjtSensor
+    objtype: mujoco.mjtObj
+    name: str
+    reference: str = ""
+
+    @property
+    def tag(self) -> str:
+        """The name of its element in a file."""
+        return tag_of(self.kind)
+
+
+def tag_of(kind: mujoco.mjtSensor) -> str:
+    """The name of an element in MuJoCo's files."""
+    return str(kind.name).removeprefix("mjSENS_").lower()
+
+
+def parts(robot: Robot, sensor: Sensor) -> list[SensorPart]:
     """MuJoCo's sensors from which a reading is composed.
 
     A tension is composed of the tendon's length and rate and of the force of each actuator on it.
     """
+    objtype, name = _OBJECT.mjOBJ_SITE, frame_name(sensor)
     if sensor.joint:
-        return [(_SENSOR.mjSENS_JOINTPOS, _OBJECT.mjOBJ_JOINT, sensor.joint)]
-    if sensor.link:
-        name = frame_name(sensor)
-        return [(kind, _OBJECT.mjOBJ_SITE, name) for kind in _OF_FRAME[sensor.kind]]
-    length = (_SENSOR.mjSENS_TENDONPOS, _OBJECT.mjOBJ_TENDON, sensor.tendon)
-    if sensor.kind is SensorKind.LENGTH:
-        return [length]
-    rate = (_SENSOR.mjSENS_TENDONVEL, _OBJECT.mjOBJ_TENDON, sensor.tendon)
-    forces = (
-        (_SENSOR.mjSENS_ACTUATORFRC, _OBJECT.mjOBJ_ACTUATOR, name)
-        for name in pulling(robot, sensor.tendon)
-    )
-    return [length, rate, *forces]
+        objtype, name = _OBJECT.mjOBJ_JOINT, sensor.joint
+    elif sensor.tendon:
+        objtype, name = _OBJECT.mjOBJ_TENDON, sensor.tendon
+    if sensor.to:  # the axis of its end, in the frame where it begins
+        return [
+            SensorPart(kind, objtype, end_name(sensor), name) for kind in FIRST_PARTS[sensor.kind]
+        ]
+    found = [SensorPart(kind, objtype, name) for kind in FIRST_PARTS[sensor.kind]]
+    if sensor.kind is SensorKind.TENSION:
+        found += [
+            SensorPart(_SENSOR.mjSENS_ACTUATORFRC, _OBJECT.mjOBJ_ACTUATOR, motor)
+            for motor in pulling(robot, sensor.tendon)
+        ]
+    return found
 
 
 def pulling(robot: Robot, tendon: str) -> list[str]:
@@ -83,6 +113,17 @@ def anchor_name(tendon: Tendon, wrap: Wrap) -> str:
 def frame_name(sensor: Sensor) -> str:
     """Name of the site at a sensor's frame."""
     return f"sensor:{sensor.name}"
+
+
+def end_name(sensor: Sensor) -> str:
+    """Name of the site on a sensor's second link."""
+    return f"{frame_name(sensor)}:end"
+
+
+def sensor_frames(sensor: Sensor) -> dict[str, tuple[str, Origin]]:
+    """The sites of a sensor by name: the link of each, and its frame there."""
+    names = {frame_name(sensor): sensor.link, end_name(sensor): sensor.to}
+    return {name: (link, sensor.origin) for name, link in names.items() if link}
 
 
 def part_name(sensor: Sensor, k: int) -> str:
@@ -168,7 +209,7 @@ def _rig(motor: mujoco.MjsActuator, actuator: Actuator, timestep: float) -> None
         # half a step less, because a delay of whole steps may round up to one more
         steps = steps_in("delay", actuator.delay, timestep)
         motor.delay, motor.nsample = (steps - 0.5) * timestep, steps + SPARE
-    if actuator.command is CommandKind.VELOCITY:
+    if actuator.is_speed:
         motor.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR
         bounded = np.isfinite((actuator.length_lower, actuator.length_upper)).any()
         motor.actlimited, motor.actrange = int(bounded), (-1.0, 1.0)
@@ -184,10 +225,12 @@ def _rig(motor: mujoco.MjsActuator, actuator: Actuator, timestep: float) -> None
 def add_sensor(spec: mujoco.MjSpec, robot: Robot, sensor: Sensor, timestep: float) -> None:
     """The parts of a sensor, with its rate and latency; a latency is rounded up to whole steps."""
     steps = steps_in("latency", sensor.latency, timestep)
-    for k, (kind, objtype, name) in enumerate(parts(robot, sensor)):
+    for k, (kind, objtype, name, reference) in enumerate(parts(robot, sensor)):
         part = spec.add_sensor()
         part.name, part.type = part_name(sensor, k), kind
         part.objtype, part.objname = objtype, name
+        if reference:
+            part.reftype, part.refname = _OBJECT.mjOBJ_SITE, reference
         if sensor.latency > 0 or sensor.rate > 0:
             part.delay = max(steps - 0.5, 0.0) * timestep
             part.interval = ((1.0 - EARLY) / sensor.rate if sensor.rate > 0 else 0.0, 0.0)

@@ -7,43 +7,11 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from softdyn.description.readings import ReadingLayout
 from softdyn.description.rig import CommandKind, Sensor, SensorKind
 from softdyn.description.robot import Robot, input_units, sums_angles
 from softdyn.validation.twin.drives import part_name, parts, pulling
 from softdyn.validation.twin.twin import Twin
-
-AXES = ("x", "y", "z")
-COMPONENTS = {
-    1: ("",),
-    3: tuple(f".{axis}" for axis in AXES),
-    6: (*(f".{axis}" for axis in AXES), *(f".r{axis}" for axis in AXES)),
-}
-
-
-def component_names(sensors: tuple[Sensor, ...]) -> tuple[str, ...]:
-    """The name of every number that the sensors read, such as ``camera.x``."""
-    return tuple(
-        sensor.name + component for sensor in sensors for component in COMPONENTS[sensor.kind.size]
-    )
-
-
-def component_units(robot: Robot) -> tuple[str, ...]:
-    """The unit of every number that a robot's sensors read."""
-    angular = {tendon.name: sums_angles(robot, tendon) for tendon in robot.tendons}
-    slides = {joint.name for joint in robot.joints if joint.kind == "prismatic"}
-    units: list[str] = []
-    for sensor in robot.sensors:
-        turns = angular[sensor.tendon] if sensor.tendon else sensor.joint not in slides
-        units += {
-            SensorKind.LENGTH: ("rad" if turns else "m",),
-            SensorKind.TENSION: ("N m" if turns else "N",),
-            SensorKind.JOINT: ("rad" if turns else "m",),
-            SensorKind.POSITION: ("m",) * 3,
-            SensorKind.POSE: ("m",) * 3 + ("rad",) * 3,
-            SensorKind.GYRO: ("rad/s",) * 3,
-            SensorKind.ACCELEROMETER: ("m/s²",) * 3,
-        }[sensor.kind]
-    return tuple(units)
 
 
 def command_units(robot: Robot) -> tuple[str, ...]:
@@ -72,13 +40,19 @@ class Readings:
         A twin made with ``rig=True``.
     seed : int or sequence of int
         Seed of the noise.
+
+    Attributes
+    ----------
+    layout : ReadingLayout
+        Names and rows of the readings.
     """
 
     def __init__(self, twin: Twin, seed: int | Sequence[int]) -> None:
         self._twin, self.sensors = twin, twin.robot.sensors
-        self.names = component_names(self.sensors)
+        layout = self.layout = ReadingLayout(self.sensors)
+        self.names = layout.names
         self._random = np.random.default_rng(seed)
-        model, sizes = twin.model, [sensor.kind.size for sensor in self.sensors]
+        model = twin.model
         self._parts = [
             [
                 int(model.sensor(part_name(sensor, k)).adr[0])
@@ -87,19 +61,10 @@ class Readings:
             for sensor in self.sensors
         ]
         self._noise, self._bias, self._step = (
-            np.concatenate([
-                np.broadcast_to(getattr(sensor, field), size)
-                for sensor, size in zip(self.sensors, sizes, strict=True)
-            ] or [np.zeros(0)])
-            for field in ("noise", "bias", "resolution")
-        )  # fmt: skip
-        self._sampled = np.repeat(np.array([s.rate > 0 for s in self.sensors], bool), sizes)
-        self._begins = begins = np.cumsum([0, *sizes])[:-1]
-        self._sizes = sizes
-        kinds = [sensor.kind for sensor in self.sensors]
-        self._turns = [
-            int(k) + 3 for k, kind in zip(begins, kinds, strict=True) if kind is SensorKind.POSE
-        ]
+            layout.field(name) for name in ("noise", "bias", "resolution")
+        )
+        self._sampled = layout.field("rate") > 0
+        self._begins = [rows.start for rows in layout.slices]
         self._before = self._true = np.full(len(self.names), np.nan)
 
     def __call__(self) -> tuple[np.ndarray, np.ndarray]:
@@ -108,7 +73,7 @@ class Readings:
         fresh = ~self._sampled | self._changed(true != self._true)
         errors = self._random.normal(size=len(true)) * self._noise + self._bias
         measured = true + errors
-        for k in self._turns:
+        for k in self.layout.rotations:
             measured[k : k + 3] = _turned(true[k : k + 3], errors[k : k + 3])
         rounded = np.round(measured / np.where(self._step > 0, self._step, 1.0)) * self._step
         measured = np.where(self._step > 0, rounded, measured)
@@ -120,7 +85,7 @@ class Readings:
         """Whether (k,) some component of the same sensor changed."""
         if not self.sensors:
             return components
-        return np.repeat(np.logical_or.reduceat(components, self._begins), self._sizes)
+        return np.logical_or.reduceat(components, self._begins)[self.layout.owners]
 
     def ideal(self) -> np.ndarray:
         """The readings (k,) without noise, bias and rounding, after `mj_forward`."""
@@ -145,6 +110,9 @@ class Readings:
             turned = np.zeros(3)
             mujoco.mju_quat2Vel(turned, data[adr[1] : adr[1] + 4], 1.0)
             return np.concatenate((data[adr[0] : adr[0] + 3], turned))
+        if sensor.kind is SensorKind.BEND:
+            x, y = data[adr[0] : adr[0] + 2]
+            return np.array([np.arctan2(y, x)])
         return np.array(data[adr[0] : adr[0] + sensor.kind.size])
 
 

@@ -14,15 +14,19 @@ import numpy as np
 from softdyn import InputError, SoftModel, State
 from softdyn.actuation import Winches
 from softdyn.checks import did_you_mean, instance, instances, number, whole
+from softdyn.controllers.channels import LogChannel
+from softdyn.controllers.controller import KnownRig
 from softdyn.copies import Separate
 from softdyn.description.rig import LONGEST_DELAY, SMALLEST_WINCH, CommandKind, Sensor
 from softdyn.description.robot import MOST_FRICTION, Robot, Tendon
 from softdyn.plausible import beyond_seconds, too_slow
+from softdyn.safety import Surroundings
 from softdyn.toml_table import TomlTable
-from softdyn.validation.channels import LogChannel, inputs, positions, rates
+from softdyn.validation.channels import inputs, positions, rates
 from softdyn.validation.twin.plant_errors import PlantErrors
-from softdyn.validation.twin.readings import Readings, command_units, component_units
+from softdyn.validation.twin.readings import Readings, command_units
 from softdyn.validation.twin.state_map import StateMap
+from softdyn.validation.twin.touch import Touch
 from softdyn.validation.twin.twin import Twin
 
 FROM_FILE = "file"
@@ -129,6 +133,8 @@ class Rig:
         read = TomlTable(table, where)
         plant = read.table("plant")
         errors = PlantErrors() if plant is None else plant.make(PlantErrors)
+        if isinstance(table.get("sensors"), tuple | list):
+            return read.make(cls, plant=errors)
         sensors = read.table("sensors")
         changes = None if sensors is None else sensors.values
         return read.make(cls, plant=errors, sensors=changes)
@@ -218,6 +224,13 @@ class _Errors:
         return model.state(q, state.v + dv / self._period)
 
 
+def cable_friction(robot: Robot) -> np.ndarray | None:
+    """The coefficient (tendons,) of each cable's friction; None where no cable rubs."""
+    if not any(tendon.rubs for tendon in robot.tendons):
+        return None
+    return np.array([tendon.friction for tendon in robot.tendons])
+
+
 def rig_of(value: Any) -> Rig | None:
     """The rig that an argument means: None, ``"file"`` or a `Rig`.
 
@@ -254,7 +267,7 @@ class Drivers:
     """
 
     def __init__(self, robot: Robot, step: float) -> None:
-        self.speeds = np.array([a.command is CommandKind.VELOCITY for a in robot.actuators], bool)
+        self.speeds = robot.speeds
         self._most = np.array([a.rate for a in robot.actuators]) * step
         self._kept = np.array([
             math.exp(-step / a.lag) if a.lag > 0 and speed else 0.0
@@ -290,6 +303,8 @@ class RiggedPlant(Separate):
         The model that the controller has.
     period : float
         Control period (s).
+    around : Surroundings, optional
+        The twin's obstacles, for their names.
     options : Any
         Options of the twin.
 
@@ -309,11 +324,22 @@ class RiggedPlant(Separate):
         The command before the bound on its rate, and before a winch's lag of its velocity.
     alters_states : bool
         Whether the controller's q and q̇ are late, noisy or biased.
+    known : KnownRig
+        What a controller knows of its actuators and cables.
+    lateness : float
+        Of the q and q̇ that the controller sees (s).
     """
 
     real_time = False
 
-    def __init__(self, rig: Rig, model: SoftModel, period: float, **options: Any) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        model: SoftModel,
+        period: float,
+        around: Surroundings | None = None,
+        **options: Any,
+    ) -> None:
         robot = rig.robot(model.robot)
         self.settings = {"contacts": options.get("contacts", False) or rig.plant.contacts}
         self.twin: Twin = rig.plant.twin(robot, rig=True, **options)
@@ -326,18 +352,26 @@ class RiggedPlant(Separate):
         for name in ("lag", "delay", "latency"):
             if line := too_slow(f"rig: {name}", getattr(rig, name) or 0.0, period):
                 warnings.warn(line, stacklevel=2)
-        self._past: deque[State] = deque(maxlen=round(rig.latency / period) + 1)
-        self._zero = np.clip(0.0, model.u_min, model.u_max)
-        names = [actuator.name for actuator in robot.actuators]
-        self.channels = (
+        self.known = KnownRig(
+            max((actuator.lag for actuator in robot.actuators), default=0.0),
+            max((actuator.delay for actuator in robot.actuators), default=0.0),
+            cable_friction(robot) if self.twin.cable_friction is not None else None,
+        )
+        late = round(rig.latency / period)
+        self.lateness = late * period
+        self._past: deque[State] = deque(maxlen=late + 1)
+        self._zero = model.relaxed
+        names, readings = [actuator.name for actuator in robot.actuators], self.readings.layout
+        self.channels: tuple[LogChannel, ...] = (
             LogChannel.of("command", zip(names, command_units(robot), strict=True), held=True),
             LogChannel.of("acting", inputs(model)),
-            LogChannel.of(
-                "measured", zip(self.readings.names, component_units(robot), strict=True)
-            ),
+            LogChannel.of("measured", zip(readings.names, readings.units(robot), strict=True)),
             LogChannel.of("q_seen", positions(model), held=True),
             LogChannel.of("v_seen", rates(model), held=True),
         )
+        self.touch = Touch.of(self.twin, around)
+        if self.touch is not None:
+            self.channels += (self.touch.channel,)
 
     def start(
         self, q: np.ndarray, v: np.ndarray, t: float = 0.0, u: np.ndarray | None = None
@@ -347,6 +381,8 @@ class RiggedPlant(Separate):
         By default u is zero, or the bound nearest to it.
         """
         self.twin.set_state(*self._states.to_twin(q, v), t)
+        if self.touch is not None:
+            self.touch.check_start()
         state = self._model.state(q, v)
         lengths = self._winches.commands(state, self._zero if u is None else u)
         self.command = self.sent = self._drivers.start(lengths)
@@ -367,7 +403,8 @@ class RiggedPlant(Separate):
     def sample(self) -> dict[str, np.ndarray]:
         """The inputs (nu,) that act now, as forces, and the sensors' readings (k,)."""
         self.twin.refresh()
-        return {"acting": self.acting, "measured": self.readings()[0]}
+        touched = {} if self.touch is None else self.touch.sample()
+        return {"acting": self.acting, "measured": self.readings()[0], **touched}
 
     @property
     def acting(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""MuJoCo's settings: integrators, solver, stiffness of stops and of mimic joints, disable flags.
+"""MuJoCo's settings: solver, stiffness of stops and of mimic joints, disable flags.
 
 Every setting that decides a result is set here and not left to MuJoCo's defaults.
 """
@@ -6,41 +6,11 @@ Every setting that decides a result is set here and not left to MuJoCo's default
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 import mujoco
 
 from softdyn.checks import number
-from softdyn.exceptions import InputError
-
-
-class Integrator(StrEnum):
-    """MuJoCo's schemes: three of first order, and Runge-Kutta of fourth order."""
-
-    IMPLICITFAST = "implicitfast"
-    IMPLICIT = "implicit"
-    EULER = "euler"
-    RK4 = "rk4"
-
-    @property
-    def mujoco(self) -> mujoco.mjtIntegrator:
-        """MuJoCo's own value."""
-        return getattr(mujoco.mjtIntegrator, f"mjINT_{self.name}")
-
-
-def integrator_of(value: Integrator | str) -> Integrator:
-    """The scheme that an argument means.
-
-    Raises
-    ------
-    InputError
-        For an unknown one.
-    """
-    try:
-        return Integrator(value)
-    except ValueError:
-        raise InputError("integrator", " or ".join(Integrator), repr(value)) from None
-
+from softdyn.validation.twin.integrators import Integrator
 
 # MuJoCo's default stops are so soft that a hanging arm sinks centimetres through them, and its
 # default dry friction creeps.

@@ -25,8 +25,9 @@ from softdyn.safety.obstacles import Obstacle
 from softdyn.validation.twin.bodies import read_bodies
 from softdyn.validation.twin.build import TASK_SITE, build
 from softdyn.validation.twin.cable_friction import CableFriction
-from softdyn.validation.twin.obstacles import add_obstacles
-from softdyn.validation.twin.settings import Integrator, Settings, integrator_of, silence
+from softdyn.validation.twin.integrators import Integrator, integrator_of
+from softdyn.validation.twin.obstacles import Contacts, add_obstacles
+from softdyn.validation.twin.settings import Settings, silence
 
 LARGEST = 1e10  # mjMAXVAL: beyond it MuJoCo calls a state bad
 WARNINGS = {
@@ -34,7 +35,7 @@ WARNINGS = {
     "BADQVEL": "a velocity that is not finite or beyond 1e10",
     "BADQACC": "an acceleration that is not finite or beyond 1e10",
     "BADCTRL": "an input that is not finite",
-    "INERTIA": "a mass matrix that is close to singular",
+    "INERTIA": "a mass matrix that is close to singular, or below MuJoCo's floor of 1e-15 kg m²",
     "CONTACTFULL": "more contacts than fit in memory",
     "CNSTRFULL": "more constraints than fit in memory",
 }
@@ -77,7 +78,7 @@ class Twin(Separate):
         Whether the file's rig is there: commands of lengths, lag and delay of the inputs, friction
         of cables, sensors. Without it every input is a force that acts at once.
     obstacles : sequence of Obstacle
-        Obstacles in the world.
+        Obstacles in the world; links touch those with `contact`.
 
     Attributes
     ----------
@@ -106,6 +107,8 @@ class Twin(Separate):
         The friction of the robot's cables, if it acts.
     skipped : tuple[str, ...]
         Collision shapes left out, each with the reason.
+    touching : Contacts or None
+        The contacts with solid obstacles, if there are any.
 
     Raises
     ------
@@ -136,7 +139,7 @@ class Twin(Separate):
         self.floating = self.robot.floating
         text = self.robot.text if self.robot.mended else ""
         tree = read_bodies(self.robot.path, mended=text, floating=self.floating)
-        self.skipped = tree.skipped
+        self.skipped, self._tree = tree.skipped, tree
         moved = [body.joint for body in tree.bodies if body.joint is not None]
         self.followers = {joint.name: joint for joint in moved if joint.leader is not None}
         self.model, self.rest = build(self.robot, tree, settings, self._amend, rig=rig, rubs=rubs)
@@ -149,6 +152,8 @@ class Twin(Separate):
         self.inputs = np.eye(self.model.nu, self.nu)
         self.slack = np.arange(self.nu, self.model.nu)
         self.tendons = np.arange(len(self.robot.tendons))
+        touched = Contacts(self.model, self.obstacles)
+        self.touching = touched if touched.solid else None
         self.cable_friction: CableFriction | None = None
         if rubs:
             self.cable_friction = CableFriction(self.model, self.robot)
@@ -162,7 +167,7 @@ class Twin(Separate):
     def _amend(self, spec: mujoco.MjSpec) -> None:
         self.amend(spec)
         if self.obstacles:
-            add_obstacles(spec, self.obstacles)
+            add_obstacles(spec, self.obstacles, self.robot, self._tree)
 
     @property
     def qpos(self) -> np.ndarray:

@@ -15,7 +15,7 @@ from softdyn.dynamics.model import SoftModel, State, taut_gains
 from softdyn.dynamics.tree import tree_of
 from softdyn.identification.markers.camera import CAMERA
 from softdyn.identification.unknowns.friction import friction_of
-from softdyn.identification.unknowns.sensor_errors import READ, biases, sensors_of, with_biases
+from softdyn.identification.unknowns.sensor_errors import READ, biases, layout_of, with_biases
 
 SHIFT = 1e-4  # of a coefficient of friction, for central differences
 DIFFERENCE = 1e-4  # relative shift of an unknown, where derivatives are differences
@@ -95,6 +95,9 @@ class Kind:
     rebuilds : bool
         Whether derivatives by the values are differences to robots with other values. The `columns`
         are not used then.
+    from_none : bool
+        Whether all members are unknown if the file gives no value to any of them. The data must
+        then give the first guess.
     """
 
     name: str
@@ -108,6 +111,7 @@ class Kind:
     maker: Maker | None = None
     about_zero: bool = False
     rebuilds: bool = False
+    from_none: bool = False
 
     @property
     def differs(self) -> bool:
@@ -174,7 +178,7 @@ def _inputs(model: SoftModel) -> Sequence[str]:
 
 
 def _sensors(model: SoftModel) -> Sequence[str]:
-    return [sensor.name for sensor, _ in sensors_of(model.robot)]
+    return [sensor.name for sensor in layout_of(model.robot).sensors]
 
 
 def _coordinates(sample: MotionSample) -> np.ndarray:
@@ -275,7 +279,7 @@ SENSOR_BIAS = Kind(
 """The constant error of each reading."""
 SENSOR_LATENCY = Kind(
     "sensor_latency", "s", _sensors,
-    lambda model: np.array([sensor.latency for sensor, _ in sensors_of(model.robot)]),
+    lambda model: np.array([sensor.latency for sensor in layout_of(model.robot).sensors]),
     lambda sample: np.zeros((len(sample.a), len(_sensors(sample.state.model)))),
     _in("sensors", "latency"), 0.0, "late.", about_zero=True,
 )  # fmt: skip
@@ -286,15 +290,15 @@ KINDS = {
     kind.name: kind
     for kind in (
         Kind("stiffness", "N m/rad, N/m", _joints, lambda model: model.stiffness,
-             lambda sample: np.diag(_stretch(sample)), _in("joints", "stiffness")),
+             lambda sample: np.diag(_stretch(sample)), _in("joints", "stiffness"), from_none=True),
         Kind("damping", "N m s/rad, N s/m", _joints, lambda model: model.damping,
-             lambda sample: np.diag(sample.state.v), _in("joints", "damping")),
+             lambda sample: np.diag(sample.state.v), _in("joints", "damping"), from_none=True),
         Kind("friction", "N m, N", _joints, lambda model: friction_of(model).size,
              _rubbing, _in("joints", "friction")),
         Kind("rest", "rad, m", _joints, lambda model: model.rest,
              lambda sample: -np.diag(sample.state.model.stiffness), _in("joints", "rest"), -np.inf),
         Kind("armature", "kg m^2, kg", _joints, lambda model: model.armature,
-             lambda sample: np.diag(sample.a), _in("joints", "armature")),
+             lambda sample: np.diag(sample.a), _in("joints", "armature"), from_none=True),
         Kind("mass", "of the file's", _joints, lambda model: np.ones(model.nv),
              _mass_columns,
              lambda robot, values: robot),

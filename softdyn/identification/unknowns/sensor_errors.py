@@ -16,41 +16,37 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from softdyn.description.rig import Sensor, SensorKind
+from softdyn.description.readings import ReadingLayout, SampledSensor
+from softdyn.description.rig import Sensor
 from softdyn.description.robot import Robot
 from softdyn.exceptions import InputError
-from softdyn.sensing.sensors import SUFFIXES
 
 READ = "measured."
-OF_PLACES = (SensorKind.LENGTH, SensorKind.JOINT, SensorKind.POSITION, SensorKind.POSE)
 BARELY = 1e-9  # s; times this close are one
 
 
-def sensors_of(robot: Robot) -> Iterator[tuple[Sensor, list[str]]]:
-    """The sensors whose readings depend on q alone, and the names of their readings."""
-    for sensor in robot.sensors:
-        if sensor.kind in OF_PLACES:
-            yield sensor, [sensor.name + suffix for suffix in SUFFIXES[sensor.kind.size]]
-
-
-def reading_names(robot: Robot) -> list[str]:
-    """Names of all readings."""
-    return [name for _, names in sensors_of(robot) for name in names]
+def layout_of(robot: Robot) -> ReadingLayout:
+    """The sensors whose readings depend on q alone."""
+    return ReadingLayout(tuple(one for one in robot.sensors if one.kind.form.of_place))
 
 
 def biases(robot: Robot) -> dict[str, float]:
     """The file's bias of each reading."""
-    return {
-        name: float(value)
-        for sensor, names in sensors_of(robot)
-        for name, value in zip(names, np.broadcast_to(sensor.bias, len(names)), strict=True)
-    }
+    layout = layout_of(robot)
+    return dict(zip(layout.names, layout.field("bias").tolist(), strict=True))
+
+
+def noises(robot: Robot) -> dict[str, float]:
+    """The file's standard deviation of each reading."""
+    layout = layout_of(robot)
+    return dict(zip(layout.names, layout.field("noise").tolist(), strict=True))
 
 
 def with_biases(robot: Robot, values: dict[str, float]) -> Robot:
     """The robot with other biases, by reading."""
     now, changed = {**biases(robot), **values}, {}
-    for sensor, names in sensors_of(robot):
+    for sensor in layout_of(robot).sensors:
+        names = sensor.reading_names
         if not values.keys().isdisjoint(names):
             changed[sensor.name] = replace(sensor, bias=tuple(now[name] for name in names))
     return replace(robot, sensors=tuple(changed.get(one.name, one) for one in robot.sensors))
@@ -61,7 +57,7 @@ def without_repeats(robot: Robot, names: tuple[str, ...], t: np.ndarray, outputs
     """The outputs (N, k) with NaN instead of the readings that a sensor only holds."""
     found = outputs.copy()
     for sensor, columns in _columns(robot, names):
-        if sensor.rate * np.median(np.diff(t)) < 1 and sensor.rate > 0:
+        if SampledSensor.of(sensor).holds(float(np.median(np.diff(t)))):
             held = (outputs[1:, columns] == outputs[:-1, columns]).all(1)
             rows = np.flatnonzero(np.append(True, held))
             found[rows[:, None], columns] = np.nan
@@ -126,17 +122,19 @@ def read_late(
 def _columns(robot: Robot, names: tuple[str, ...]) -> Iterator[tuple[Sensor, list[int]]]:
     """The sensors that the outputs have, and the numbers of their readings."""
     number = {name: k for k, name in enumerate(names)}
-    for sensor, readings in sensors_of(robot):
-        columns = [number[READ + one] for one in readings if READ + one in number]
+    for sensor in layout_of(robot).sensors:
+        read = [READ + name for name in sensor.reading_names]
+        columns = [number[name] for name in read if name in number]
         if columns:
             yield sensor, columns
 
 
 def _arrivals(sensor: Sensor, t: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Times (N,) at which the readings of the rows `known` arrived; `t` in the other rows."""
-    interval, row = (1 / sensor.rate if sensor.rate > 0 else 0.0), float(np.median(np.diff(t)))
-    if interval <= row or not known.any():
+    times, row = SampledSensor.of(sensor), float(np.median(np.diff(t)))
+    if not times.holds(row) or not known.any():
         return t
+    interval = times.period
     phases = np.sort(t[known] % interval)
     gaps = np.append(phases[1:], phases[0] + interval) - phases
     if gaps.max() < (interval - row) / 2:  # the sensor's clock runs at another rate

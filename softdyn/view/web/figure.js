@@ -380,7 +380,7 @@ class Figure {
       const slack = isSlack(cable, q, pull);
       dim(cable.material, slack ? 0.6 : 1);
       cable.hidden.opacity = slack ? 0.25 : 0.45;
-      cable.material.color.setRGB(...shade(part));
+      cable.material.color.setRGB(...(cable.rgba ? cable.rgba.slice(0, 3) : shade(part)));
       cable.hidden.color.copy(cable.material.color);
       cable.points.slice(1).forEach((_, i) => {
         lay(LAID, cable.points[i], cable.points[i + 1],

@@ -3,6 +3,8 @@
 // animations only move objects, but cables change shape and colour, and trails grow. Therefore
 // frames are (t, q, u, targets of tasks, y, y_ref), and everything is drawn from them.
 
+const CURVES = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"];  // of columns
+
 // One robot in one run: its frames, its trail and its target.
 class Track {
   constructor(data, figures, stage, unit) {
@@ -34,6 +36,8 @@ class Track {
       const forces = this.pulls.map(row => Math.hypot(...row.subarray(0, 3))).filter(f => f > 0);
       this.pull = new Pull(this.object, size, Math.max(...forces));
     }
+    this.series = (data.series || []).map(one => ({...one,
+      values: one.text ? one.values : new Float32Array(bytes(one.values))}));
     this.frames = [];
     this.push(new Float32Array(bytes(data.frames || "")));
   }
@@ -81,8 +85,9 @@ class Track {
     this.trail.show(this.aims ? i : 0);
     if (this.pull)
       this.newtons = this.pull.show(this.pulls[i].subarray(0, 3), this.pulls[i].subarray(3));
+    this.index = i;
     this.now = this.error(s < 0.5 ? a : b);
-    this.tip = this.vector(s < 0.5 ? a : b, 6);
+    this.tip = this.aims ? this.vector(s < 0.5 ? a : b, 6) : this.figure.tip();
   }
 }
 
@@ -139,6 +144,7 @@ class Player {
     this.applyLook();
     this.buildLegend();
     this.buildInputs();
+    this.buildChannels();
     this.buildJoints();
     this.buildScale();
     this.following = Boolean(this.scene.live);
@@ -184,6 +190,7 @@ class Player {
       + `${this.time.toFixed(2)} / ${this.duration.toFixed(1)} s`;
     this.updateLegend();
     this.updateInputs();
+    this.updateChannels();
     if (this.joints) this.updateJoints();
     this.viewer.set_dirty();
   }
@@ -292,6 +299,34 @@ class Player {
       value.textContent = u.toFixed(digits).replace(/^-(0[.0]*)$/, "$1");
     }
   }
+  buildChannels() {  // a strip for each channel of a user's own, its values beside their names
+    const box = this.find("channels");
+    for (const old of box.querySelectorAll("div")) old.remove();
+    this.strips = this.tracks.flatMap(track => track.series.map(series => {
+      const strip = element(box, "div"), columns = series.titles.length;
+      const readouts = series.titles.map((title, i) => {
+        const row = element(strip, "p");
+        element(row, "span", title).style.color = series.text ? "" : CURVES[i % CURVES.length];
+        return element(row, "output");
+      });
+      const made = {track, series, readouts};
+      if (series.text) return made;
+      made.chart = new Chart(element(strip, "canvas"), new Linear(1e-9), {left: 34});
+      made.slots = new Slots(series.titles, this.duration || 1);
+      track.frames.forEach((frame, k) => made.slots.push(frame[0], Object.fromEntries(
+        series.titles.map((title, i) => [title, series.values[k * columns + i]]))));
+      return made;
+    }));
+    box.style.display = this.strips.length ? "" : "none";
+    box.ontoggle = () => this.drawCurves();
+  }
+  updateChannels() {
+    for (const {track, series, readouts} of this.strips)
+      readouts.forEach((readout, i) => {
+        const value = series.values[(track.index || 0) * readouts.length + i];
+        readout.value = series.text ? value || "" : Number.isFinite(value) ? digits(value) : "–";
+      });
+  }
   buildScale() {
     const scale = this.find("scale");
     const figures = this.tracks.map(t => t.figure).filter(f => f.cables.some(c => c.limit > 0));
@@ -353,6 +388,9 @@ class Player {
       return {...slots.column("error"), colour: track.colour || "#2b6f9e"};
     });
     this.curves.draw(curves, 0, this.duration || 1);
+    for (const {chart, slots, series} of this.strips) if (chart)
+      chart.draw(series.titles.map((title, i) => (
+        {...slots.column(title), colour: CURVES[i % CURVES.length]})), 0, this.duration || 1);
   }
 
   // -- the camera ----------------------------------------------------------------------------

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from softdyn.controllers.gains import PUBLISHED
-from softdyn.validation.loop.labels import CONTROLLERS
+from softdyn.controllers.registry import CONTROLLERS, label_of
 from softdyn.validation.tables import Table
 from tests.proof.paper.reproduction import CHANGES, ROBOTS
 
@@ -34,8 +33,8 @@ def gains_table() -> str:
     lines = []
     for robot in ROBOTS:
         for controller, used in USED.items():
-            gains = PUBLISHED[robot][controller]
+            gains = CONTROLLERS[controller].published[robot]
             values = [getattr(gains, name) if name in used else None for name in NAMES]
-            lines.append([robot, CONTROLLERS.get(controller, controller), *values])
+            lines.append([robot, label_of(controller), *values])
     formats = ["", "", *["g"] * len(NAMES)]
     return Table(["robot", "controller", *NAMES], lines, formats).markdown()

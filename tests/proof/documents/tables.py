@@ -15,10 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from softdyn import InputError
+from softdyn.controllers import SoftIdClfQp
+from softdyn.controllers.registry import in_table, label_of
 from softdyn.validation.files import read_json, write_text
 from softdyn.validation.identification.trials import SHOWN
 from softdyn.validation.loop import setups
-from softdyn.validation.loop.labels import CONTROLLERS, ROBOTS, SYMBOLS, cell_title
+from softdyn.validation.loop.labels import ROBOTS, SYMBOLS, cell_title
 from softdyn.validation.studies import benchmark, experiments
 from softdyn.validation.studies.benchmark_table import spread
 from softdyn.validation.studies.engine.case import Case
@@ -39,7 +41,7 @@ from tests.proof.documents.reports import reports_table
 from tests.proof.documents.settings import MEASURED, changes_table, gains_table
 from tests.proof.estimates import forces
 from tests.proof.paper import one_step
-from tests.proof.safety import scenes
+from tests.proof.safety import near_far, scenes
 from tests.proof.timing.step_report import machine_text
 from tests.support import public_reports
 
@@ -51,11 +53,11 @@ MARKED = re.compile(
 # A run equals the log if both print alike, differ by less than either of these, or are chaotic.
 SAME_SHARE, SAME_CM = 0.01, 0.01
 MISSED = 1.0  # cm: a set point that is missed by more gets its reason
-LAW = "soft-id-clf-qp"
+LAW = SoftIdClfQp.name
 ENGINES = ("reference, MuJoCo 3.2.7", "reference, 3.3.7", "emulated, 3.3.7", "emulated, 4.0.0")
 VALUES = {"set_point": experiments.THETAS, "tracking": experiments.OMEGAS}
 PAPER_ROBOTS = "finger", "helix", "spirob"
-GRID = ("clf-qp", LAW, "id-clf-qp", "ic", "uic", "ic-qp", "best")
+GRID = in_table()
 
 
 def fill(text: str) -> str:
@@ -118,10 +120,6 @@ def _loop_time() -> str:
     return f"{machine_text(found['machine'])}\n\n{table}"
 
 
-def _title(controller: str) -> str:
-    return CONTROLLERS.get(controller, controller)
-
-
 def _grid(robot: str, controller: str, kind: str) -> list[Distribution]:
     """A row of the paper's grid."""
     cells = benchmark.committed()
@@ -140,7 +138,7 @@ def _benchmark() -> str:
     lines = []
     for robot in PAPER_ROBOTS:
         for controller in GRID:
-            line: list[str | None] = [robot, _title(controller)]
+            line: list[str | None] = [robot, label_of(controller)]
             theirs = experiments.published(robot, controller)
             again = benchmark.emulated(robot, controller)
             for kind, (short, unit, *_) in benchmark.KINDS.items():
@@ -160,7 +158,7 @@ def _runs(controllers: Iterable[str]) -> str:
     for robot in PAPER_ROBOTS:
         for controller in controllers:
             found = [cell.text() for kind in SYMBOLS for cell in _grid(robot, controller, kind)]
-            lines.append([robot, _title(controller), *found])
+            lines.append([robot, label_of(controller), *found])
     return Table(["robot", "controller", *titles], lines).markdown()
 
 
@@ -323,7 +321,7 @@ def _engines() -> str:
     lines = []
     for row in _rows("engines"):
         lines.append([
-            _title(row["controller"]), f"{row['omega']:g}π", f"{row['log']:.2f}",
+            label_of(row["controller"]), f"{row['omega']:g}π", f"{row['log']:.2f}",
             *(None if row[name] is None else " to ".join(f"{x:.2f}" for x in row[name])
               for name in ENGINES),
         ])  # fmt: skip
@@ -396,6 +394,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "statics": _statics,
     "forces": lambda: Table.of(forces.COLUMNS, _rows("forces")).markdown(),
     "scenes": lambda: Table.of(scenes.COLUMNS, _rows("scenes")).markdown(),
+    "near-far": lambda: Table.of(near_far.COLUMNS, _rows("near_far")).markdown(),
     "barriers": lambda: Table.of(barrier_time.COLUMNS, _rows("barriers")).markdown(),
     "loop-time": _loop_time,
     "weights": lambda: Table.of(weights.COLUMNS, _rows("weights")).markdown(),

@@ -24,8 +24,8 @@ def test_every_table_is_what_the_committed_figures_give() -> None:
     assert documents.write(PAGES, check=True) == []
 
 
-def test_the_grid_of_the_documents_is_the_benchmark_s() -> None:
-    assert (documents.PAPER_ROBOTS, documents.GRID) == (benchmark.ROBOTS, benchmark.CONTROLLERS)
+def test_the_robots_of_the_documents_are_the_benchmark_s() -> None:
+    assert documents.PAPER_ROBOTS == benchmark.ROBOTS
 
 
 def test_rows_are_replaced_in_the_order_of_the_document(tmp_path: Path) -> None:

@@ -88,8 +88,8 @@ def run(robot: str, theta: float, kind: str, seed: int) -> tuple[float, float, f
     from softdyn.controllers import best
     from softdyn.estimation import Ekf, EkfParameters
     from softdyn.validation import Rig, paper
-    from softdyn.validation.loop.arguments import RunOptions
     from softdyn.validation.loop.closed_loop import ClosedLoop
+    from softdyn.validation.loop.settings import RunOptions
     from softdyn.validation.twin.plant_errors import PlantErrors
 
     model, rng = softdyn.load(robot), np.random.default_rng(seed)

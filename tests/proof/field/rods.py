@@ -16,7 +16,7 @@ from softdyn import design
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.rods.ladder import Ladder
 from softdyn.validation.rollouts import threads
-from softdyn.validation.twin.settings import Integrator
+from softdyn.validation.twin.integrators import Integrator
 from softdyn.validation.twin.twin import Twin
 from tests.proof.field import drag
 from tests.proof.field.cases import ALL, BENDS, PERIOD, SECONDS, UNSHEARED, UNSTRETCHED, Case

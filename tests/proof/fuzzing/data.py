@@ -177,7 +177,8 @@ def read_log(data: bytes, path: Path) -> str:
     for name, value in arrays.items():
         if not all(_same_bytes(getattr(read, name), value) for read in (log, again)):
             return name
-    about["source"] = LoggedRobot(**about["source"])
+    # a path is written relative to its folder, or as the name of a bundled file
+    about["source"] = LoggedRobot(**about["source"] | {"path": log.source.path})
     about["marks"] = tuple(TaskMark.of(table) for table in about["marks"])
     about |= {name: np.array(about[name]) for name in ("u_min", "u_max")}
     for name in about.keys() - {"format", "channels"}:

@@ -12,7 +12,7 @@ import softdyn
 from softdyn import SoftModel
 from softdyn.controllers import CONTROLLERS
 from softdyn.statics.zero_dynamics import examine, zero_spectrum
-from softdyn.validation.loop.certificate import certified
+from softdyn.validation.loop.certificate import certify
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.pictures.plot_style import (
     BLUE,
@@ -62,7 +62,7 @@ def runs(
         for name in laws:
             law, experiment = CONTROLLERS[name](model), experiments.set_point(robot, theta)
             log = simulate(model, law, experiment, duration=duration)
-            log = certified(log, model, law, experiment.reference)
+            log = certify(log, model, law, experiment.reference)
             found.append((log, row(model, log)))
             tick()
     return found

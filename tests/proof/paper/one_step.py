@@ -19,8 +19,8 @@ import numpy as np
 
 from softdyn import InputError, SoftModel
 from softdyn.controllers.registry import make_controller
-from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.labels import experiment_title
+from softdyn.validation.loop.settings import RunOptions
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.sources import load_model
 from softdyn.validation.twin.plant_errors import PlantErrors

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 
 from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel
-from softdyn.controllers.gains import PUBLISHED
+from softdyn.controllers.registry import CONTROLLERS
 from softdyn.validation.loop import setups
-from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.labels import cell_title
+from softdyn.validation.loop.settings import RunOptions
 from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.benchmark_table import benchmark_cells
 from softdyn.validation.studies.engine import executors, worker
@@ -98,7 +98,7 @@ def another_law(
     name: str, model: SoftModel, options: tuple[str, ...], gains: Mapping[str, float]
 ) -> Any:
     """A controller of `reference_laws` with the published gains, some of them replaced."""
-    own = replace(PUBLISHED[model.bundled or ""][name], **gains)
+    own = replace(CONTROLLERS[name].published[model.bundled or ""], **gains)
     return reference_laws.make_law(name, model, own, options)
 
 

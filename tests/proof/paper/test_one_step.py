@@ -16,7 +16,7 @@ import softdyn
 from softdyn import InputError
 from softdyn.commands import cli
 from softdyn.validation import paper
-from softdyn.validation.loop.arguments import RunOptions
+from softdyn.validation.loop.settings import RunOptions
 from softdyn.validation.studies.engine.case import Case
 from tests.proof import reproduce
 from tests.proof.paper import one_step

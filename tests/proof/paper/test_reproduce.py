@@ -13,11 +13,10 @@ import softdyn
 from softdyn import InputError, Reference, State
 from softdyn.commands import cli
 from softdyn.controllers import Command, Impedance, find_controller
-from softdyn.controllers.gains import PUBLISHED
-from softdyn.controllers.registry import make_controller
+from softdyn.controllers.registry import CONTROLLERS, make_controller
 from softdyn.validation import Log, StateMap, Twin, paper
 from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
-from softdyn.validation.loop.arguments import RunOptions
+from softdyn.validation.loop.settings import RunOptions
 from softdyn.validation.studies.engine import case as engine
 from softdyn.validation.studies.engine.case import Case, figures
 from softdyn.validation.twin.plant_errors import PlantErrors
@@ -311,7 +310,7 @@ def test_gains_of_another_commit(models):
         law = changed(case, name).law("ic-qp", models["helix"])
         gains[name], answers[name] = law.gains, law(state, target).u
     assert gains["w2"] == replace(gains["exact"], w2=0.2)
-    assert gains["exact"] == PUBLISHED["helix"]["ic-qp"]
+    assert gains["exact"] == CONTROLLERS["ic-qp"].published["helix"]
     assert np.abs(answers["w2"] - answers["exact"]).max() > 1e-3
     kp = changed(Case("spirob", "ic-qp", "set_point", 1.0), "kp").law("ic-qp", models["spirob"])
     assert kp.gains.Kp == 500
@@ -361,7 +360,7 @@ def test_sampled_is_the_plain_mean_of_every_fifth_error():
 @pytest.mark.parametrize("robot", ["finger", "helix", "spirob"])
 @pytest.mark.parametrize("name", ["soft-id-clf-qp", "ic-qp", "clf-qp", "ic", "uic"])
 def test_laws_written_out_agree_with_the_condensed_ones(models, robot, name):
-    model, gains = models[robot], PUBLISHED[robot][name]
+    model, gains = models[robot], CONTROLLERS[name].published[robot]
     ours, theirs = find_controller(name)(model), make_law(name, model, gains, {"exact"})
     for seed in range(4):
         state = model.state(*random_state(model, 20 + seed))
@@ -413,7 +412,9 @@ def test_a_missing_package_is_named():
     with pytest.raises(InputError, match="pip install cvxpy scs"):
         optional("no_such_module", "cvxpy scs")
     with pytest.raises(InputError):
-        make_law("id-clf-qp", softdyn.load("finger"), PUBLISHED["finger"]["ic"], {"exact"})
+        make_law(
+            "id-clf-qp", softdyn.load("finger"), CONTROLLERS["ic"].published["finger"], {"exact"}
+        )
 
 
 # -- names -----------------------------------------------------------------------------------------

@@ -165,7 +165,7 @@ def _beside(paths: Sequence[np.ndarray], radius: float) -> Iterable[KeepOutSpher
                 beside = np.array([-along[1], along[0], 0.0])
             beside = beside / np.linalg.norm(along)
             for side in (-OFFSET, OFFSET):
-                yield KeepOutSphere(path[k] + side * radius * beside, radius)
+                yield KeepOutSphere(path[k] + side * radius * beside, radius, contact=False)
 
 
 def draw(
@@ -177,7 +177,7 @@ def draw(
         y = model.state(model.configuration(0.6 * rng.uniform(low, high)), np.zeros(model.nv)).y
         centre = start + rng.uniform(0.3, 0.7) * (y - start) + OFFSET * radius * rng.normal(size=3)
         if min(np.linalg.norm(start - centre), np.linalg.norm(y - centre)) > 1.2 * radius:
-            return SetPoint(y), KeepOutSphere(centre, radius)
+            return SetPoint(y), KeepOutSphere(centre, radius, contact=False)
 
 
 def figures(name: str, law: SoftIdClfQp, log: Log, ball: KeepOutSphere) -> dict[str, Any]:

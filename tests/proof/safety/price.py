@@ -31,7 +31,7 @@ FAR = (
 def prices(robot: str, path: str, rounds: int) -> dict[str, Any]:
     """Smallest times (µs) of each kind at all states, and the inputs with barriers."""
     model, states = softdyn.load(robot), np.load(path)
-    period, eps = setup_of(model).period, resolve(model, SoftIdClfQp.name, None).eps
+    period, eps = setup_of(model).period, resolve(model, SoftIdClfQp.published, None).eps
     around = [Surroundings.of(json.loads(str(table))) for table in states["tables"]]
 
     def law(barriers: Any) -> SoftIdClfQp:

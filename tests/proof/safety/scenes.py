@@ -35,8 +35,8 @@ class JudgedTwin(Twin):
         self.least = np.inf
         super().__init__(*arguments, **options)
         self.model.opt.ccd_tolerance = 1e-9
-        of_links = np.flatnonzero(self.model.geom_bodyid > 0)
         walls = [self.model.geom(f"obstacle_{k}").id for k in range(len(self.obstacles))]
+        of_links = np.setdiff1d(np.flatnonzero(self.model.geom_bodyid > 0), walls)
         self._pairs = [(wall, int(link)) for wall in walls for link in of_links]
 
     def advance(self, u: np.ndarray, steps: int = 1) -> None:
@@ -128,7 +128,7 @@ def wall(rng: np.random.Generator, at: np.ndarray, way: np.ndarray, length: floa
     """A half-space whose wall a link would pass."""
     normal = -way + 0.4 * rng.normal(size=3)
     normal /= np.linalg.norm(normal)
-    return HalfSpace(normal, float(normal @ at), links="all")
+    return HalfSpace(normal, float(normal @ at), links="all", contact=False)
 
 
 def ball(rng: np.random.Generator, at: np.ndarray, way: np.ndarray, length: float) -> Obstacle:
@@ -136,14 +136,14 @@ def ball(rng: np.random.Generator, at: np.ndarray, way: np.ndarray, length: floa
     radius = rng.uniform(0.05, 0.1) * length
     beside = rng.normal(size=3)
     beside *= 0.7 * radius / np.linalg.norm(beside)
-    return KeepOutSphere(at + radius * way + beside, radius, links="all")
+    return KeepOutSphere(at + radius * way + beside, radius, links="all", contact=False)
 
 
 def crate(rng: np.random.Generator, at: np.ndarray, way: np.ndarray, length: float) -> Obstacle:
     """A box on the way of a link."""
     size = rng.uniform(0.08, 0.2, 3) * length
     centre = at + 0.5 * size.min() * way + 0.2 * size.min() * rng.normal(size=3)
-    return KeepOutBox(centre, size, rpy=rng.uniform(-3, 3, 3), links="all")
+    return KeepOutBox(centre, size, rpy=rng.uniform(-3, 3, 3), links="all", contact=False)
 
 
 def run(model: SoftModel, gains: Gains | None, scene: Scene) -> dict[str, Any]:

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+import tempfile
 from functools import partial
 from pathlib import Path
 
 import pytest
 
-from softdyn.validation import Log
+from softdyn import InputError
+from softdyn.validation import Log, files
 from softdyn.validation.bench import drive as driving
 from tests.support.benched import ARM, benched, tower
 from tests.support.command import command
@@ -69,3 +71,91 @@ def test_bad_input_is_one_line(rig, words, said):
     assert said in err
     assert len(err.splitlines()) == 1
     assert rig.starts == 0
+
+
+STILL = (
+    "from types import SimpleNamespace\n"
+    "class Still:\n"
+    "    def __init__(self, model): pass\n"
+    "    def __call__(self, state, reference):\n"
+    "        return SimpleNamespace(u=[0.0, 0.0])\n"
+)
+AWAY = (
+    "import shutil\n"
+    "class Leaving(NearDriver):\n"
+    "    'Takes the folder of the results away at the end.'\n"
+    "    def stop(self):\n"
+    "        super().stop()\n"
+    "        shutil.rmtree('out', ignore_errors=True)\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["law.py:Still", "--target", "0.3", "0", "-0.1"], 1),  # it does not get there
+        (["law.py:Still", "--target", "0.3", "0", "-0.1", "--no-verdict"], 0),
+        (["law.py:Push", "--target", "0.3", "0", "-0.1", "--no-verdict"], 1),  # it fails
+        (["--hold", "0", "0"], 0),
+    ],
+)
+def test_the_exit_code_is_the_verdict_s_unless_none_is_asked_for(rig, words, code):
+    Path("law.py").write_text(LAW + STILL)
+    found, _, _ = command(
+        "drive", "arm.urdf", *words, "--driver", "near.py:NearDriver", "--duration", "0.3"
+    )
+    assert found == code
+
+
+@pytest.mark.parametrize(("option", "file"), [("--log", "a.npz"), ("--html", "a.html")])
+def test_a_result_that_has_no_room_is_written_elsewhere_and_fails(
+    rig, tmp_path, monkeypatch, option, file
+):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    Path("near.py").write_text(NEAR + AWAY)
+    Path("out").mkdir()
+    words = ["drive", "arm.urdf", "--hold", "0", "0", "--duration", "0.1"]
+    code, out, err = command(*words, "--driver", "near.py:Leaving", option, f"out/{file}")
+    (written,) = tmp_path.glob(f"*-{file}")
+    assert code == 1
+    assert f"wrote {written} instead" in err
+    assert f"wrote {written}" in out
+
+
+@pytest.mark.parametrize("option", ["--log", "--html"])
+def test_a_result_that_has_no_room_anywhere_is_said_and_fails(rig, monkeypatch, option):
+    def refuse(write, path):
+        raise InputError(path, "room", "none")
+
+    monkeypatch.setattr(files, "save_somewhere", refuse)
+    words = ["drive", "arm.urdf", "--hold", "0", "0", "--duration", "0.1"]
+    code, out, err = command(*words, "--driver", "near.py:NearDriver", option, "a.html")
+    assert code == 1
+    assert "nothing could be written elsewhere" in err
+    assert "wrote" not in out
+
+
+def test_a_report_that_cannot_be_written_fails(rig):
+    Path("near.py").write_text(NEAR + AWAY)
+    Path("out").mkdir()
+    words = ["drive", "arm.urdf", "--hold", "0", "0", "--duration", "0.1"]
+    code, _, err = command(*words, "--driver", "near.py:Leaving", "--json", "out/a.json")
+    assert code == 1
+    assert "out/a.json" in err.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--hold", "0", "0"], "expected a run with a controller"),
+        (["law.py:Still", "--target", "0.3", "0", "-0.1", "--no-verdict"], "settings.plant"),
+    ],
+)
+def test_a_run_on_a_rig_is_not_repeated(rig, words, said):
+    Path("law.py").write_text(LAW + STILL)
+    given = ["--driver", "near.py:NearDriver", "--duration", "0.3", "--log", "rig.npz"]
+    assert command("drive", "arm.urdf", *words, *given)[0] == 0
+    code, out, err = command("run", "--from", "rig.npz")
+    assert (code, out) == (2, "")
+    assert said in err
+    assert len(err.splitlines()) == 1

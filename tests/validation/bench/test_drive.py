@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -127,6 +128,51 @@ def test_readings_that_stop_stop_the_run(model, rig, kind):
 def test_late_readings_stop_the_run(model, rig):
     found = run(model, rig, on_step=fault("delay", seconds=0.2))
     assert found.cause is StopCause.STALE
+
+
+def false_readings(value, rows, since):
+    """A class of drivers whose readings of these rows are this value, with fresh stamps."""
+
+    class Lying(NearDriver):
+        def read(self):
+            values, stamps = super().read()
+            if self.tower.hands.time >= since:
+                values, stamps = values.copy(), stamps.copy()
+                values[rows], stamps[rows] = value, self.tower.hands.time
+            return values, stamps
+
+    return Lying
+
+
+@pytest.mark.parametrize("value", [math.inf, -math.inf, 1e7, -1e300])
+@pytest.mark.parametrize(("rows", "name"), [([1], "elbow"), ([3, 4, 5], "camera.x")])
+def test_readings_that_no_observer_uses_stop_the_run(model, rig, value, rows, name):
+    """Stamps say nothing: whoever reads such a value is blind, and the robot is not moved on."""
+    found = driven_by(false_readings(value, rows, 100.2)(model), model, rig)
+    assert found.cause is StopCause.STALE
+    assert f"reading {name}" in found.reason
+    assert found.log.t[-1] <= 0.2 + 0.1 + 0.04 + 2 * PERIOD  # a picture may be 40 ms old
+    assert rig.stops == 1
+
+
+def test_a_rig_that_never_sends_a_finite_reading_is_not_driven(model, rig):
+    found = driven_by(false_readings(math.inf, [1], 0.0)(model), model, rig)
+    assert found.cause is StopCause.STALE
+    assert "elbow never came" in found.reason
+    assert not found.log.steps
+
+
+def test_an_observer_of_ones_own_is_not_judged_by_what_it_does_not_say(model, rig):
+    class Silent:
+        def __init__(self):
+            self.inner = Ekf(model)
+
+        def step(self, t, measurements, u):
+            found = self.inner.step(t, measurements, u)
+            return SimpleNamespace(q=found.q, v=found.v)
+
+    driver = false_readings(1e7, [1], 100.2)(model)
+    assert driven_by(driver, model, rig, observer=Silent()).cause is StopCause.END
 
 
 def test_frozen_readings_are_a_lost_estimate(model, rig):

@@ -3,13 +3,17 @@ from __future__ import annotations
 import json
 import socket
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import softdyn
 from softdyn import InputError
+from softdyn.description.rig import CommandKind
 from softdyn.examples.served_rig import ServedRig as Client
 from softdyn.validation.bench.served import Faults, ServedRig
+from tests.support import PATIENCE
 from tests.support.benched import benched, tower
 
 NAN = np.nan
@@ -19,6 +23,7 @@ BAD = (
     "{", "[]", '{"send": [1]}', '{"send": [1, null]}', '{"fault": "lie"}',
     '{"fault": "lose", "sensors": 3}', '{"fault": "delay", "seconds": 99}',
     '{"fault": "cut", "motors": ["uc"]}', '{"fault": "jam"}',
+    '{"send": [1e308, -1e308]}', '{"send": [60.1, 0]}', '{"send": [0, -60.1]}',
 )  # fmt: skip
 
 
@@ -99,8 +104,53 @@ def test_commands_act_on_when_their_sender_goes_away(model):
         client_of(client, rig.port)
         assert ask(client)["relaxed_at"] is not None
         client.say({"fault": "die"})
-        thread.join(timeout=60)
+        thread.join(timeout=PATIENCE)
         assert not thread.is_alive()
+    finally:
+        rig.over = True
+        thread.join()
+
+
+@pytest.mark.parametrize("kind", [CommandKind.LENGTH, CommandKind.VELOCITY])
+def test_what_no_motor_takes_is_refused_by_the_motor_s_name(model, kind):
+    winch = {"command": kind, "stiffness": 900.0, "gear": -1.0, "lower": 0.0}
+    motors = tuple(replace(motor, **winch) for motor in model.robot.actuators)
+    made = tower(softdyn.build(replace(model.robot, actuators=motors)))
+    answer = made.rig.obey('{"send": [0, -1e308]}')
+    assert "'ub'" in answer["error"]
+    assert "-1e+308" in answer["error"]
+    assert made.rig.obey('{"send": [0.01, 0]}') is None
+    made.hands.pass_(0.1)
+    made.rig.advance()
+    assert np.isfinite(made.rig.state()["tip"]).all()
+
+
+def test_a_second_driver_is_refused_and_does_not_stop_the_first_one(model):
+    rig = ServedRig(model)
+    thread = threading.Thread(target=rig.serve)
+    thread.start()
+    try:
+        first, second, witness = Client(model), Client(model), Client(model)
+        for one in (first, second, witness):
+            client_of(one, rig.port)
+        first.send(np.array([3.0, 1.0]))
+        assert ask(first)["sent_at"] is not None
+        second.send(np.array([-5.0, 0.0]))
+        port = first.link.getsockname()[1]
+        answer = until(second, lambda line: "error" in line)["error"]
+        assert str(port) in answer
+        second.send(np.array([-5.0, 0.0]))
+        with pytest.raises(RuntimeError, match="one program that drives this rig"):
+            all(second.read() for _ in iter(int, 1))  # until it hears of it
+        second.stop()
+        assert ask(witness)["relaxed_at"] is None
+        witness.stop()  # anyone else may stop it
+        assert ask(first)["relaxed_at"] is not None
+        first.stop()
+        third = Client(model)
+        client_of(third, rig.port)
+        third.send(np.array([1.0, 0.0]))
+        assert ask(third)["relaxed_at"] is None
     finally:
         rig.over = True
         thread.join()
@@ -108,7 +158,7 @@ def test_commands_act_on_when_their_sender_goes_away(model):
 
 def client_of(client, port):
     """Start a client of the example on a port of its own."""
-    client.link = socket.create_connection(("127.0.0.1", port), timeout=60)
+    client.link = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
     client.rest = b""
 
 

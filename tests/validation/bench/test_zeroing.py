@@ -18,8 +18,8 @@ from softdyn.description.urdf import parse_text
 from softdyn.description.urdf_writer import write
 from softdyn.validation.bench import zeroing
 from softdyn.validation.bench.drive import Drive
-from softdyn.validation.bench.fail_safe import RigLimits, StopCause
-from softdyn.validation.bench.zeroing import ZeroSettings, zero_drive
+from softdyn.validation.bench.fail_safe import RigLimits, Stop, StopCause
+from softdyn.validation.bench.zeroing import Zeroing, ZeroSettings, _Sweep, zero_drive
 from tests.support.benched import JOINT, LINK, NearDriver, tower
 from tests.support.command import command
 
@@ -182,6 +182,133 @@ def test_a_zero_that_scatters_is_refused_by_name(model):
     done, _ = zeroed(model, tower(model), driver=Slipping)
     assert done.cause is StopCause.CABLE
     assert "'flexor': its zero scatters by" in done.reason
+
+
+def misread(change):
+    """A class of drivers whose readings (wire, cord, pull, lift) are changed by `change`."""
+
+    class Misread(NearDriver):
+        def read(self):
+            values, stamps = super().read()
+            return change(np.array(values)), stamps
+
+    return Misread
+
+
+def frozen(values):
+    """The readings, with a first encoder that stands still at 0.1 m."""
+    return np.where([True, False, False, False] & np.isfinite(values), 0.1, values)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda readings: readings[[1, 0, 2, 3]], "has a bias of -366"),
+        (frozen, "changes by"),
+    ],
+    ids=["exchanged", "frozen"],
+)
+def test_an_encoder_that_does_not_follow_the_model_is_refused_by_name(model, change, said):
+    done, found = zeroed(model, tower(model), driver=misread(change))
+    assert done.cause is StopCause.CABLE, done.reason
+    assert done.reason.startswith("cable of 'flexor': its encoder 'wire'")
+    assert said in done.reason
+    assert not found.zeros
+
+
+def sweeps_of(found, read, lags=(0.0115, 0.0095)):
+    """Two pulls of the first cable by the model's own curve; `read` is its encoder's, of ℓ (m)."""
+    cable, rng = found._cables[0], np.random.default_rng(0)
+    free = np.linspace(cable.rest + 2e-3, cable.rest - cable.travel, 400)
+    for winding, offset in zip([True, False] * 2, lags * 2, strict=True):
+        wire = read(cable.length(free)) + 5e-4 * rng.normal(size=len(free))
+        yield _Sweep(np.array([free - offset, cable.tension(free), wire]).T.tolist(), winding)
+
+
+@pytest.mark.parametrize(
+    ("read", "said"),
+    [
+        (lambda length: 1e3 * length, "changes by"),
+        (lambda length: -length, "changes by"),
+        (lambda length: 0.2 * length, "changes by"),
+        (lambda length: np.full_like(length, 1e7), "changes by"),
+        (lambda length: length + 0.06, "has a bias of"),
+        (lambda length: length - 0.06, "has a bias of"),
+    ],
+)
+def test_an_encoder_of_another_slope_or_far_away_is_refused(model, read, said):
+    found = Zeroing(model, ZeroSettings(repeats=2))
+    with pytest.raises(Stop) as refused:
+        found._judged(found._cables[0], list(sweeps_of(found, read)))
+    assert refused.value.cause is StopCause.CABLE
+    assert f"its encoder 'wire' {said}" in refused.value.reason
+
+
+def test_a_coarse_encoder_is_not_refused(model):
+    """Ticks of 5 mm, more than the cable moves in a pull, are no frozen encoder."""
+    ticks = (replace(s, resolution=(5e-3,)) if s.name == "wire" else s for s in model.robot.sensors)
+    coarse = softdyn.build(replace(model.robot, sensors=tuple(ticks)))
+    found = Zeroing(coarse, ZeroSettings(repeats=2))
+    sweeps = list(sweeps_of(found, lambda length: 5e-3 * np.round(length / 5e-3)))
+    zero = found._judged(found._cables[0], sweeps)
+    assert zero.biases["wire"] == pytest.approx(0.0, abs=5e-3)
+
+
+def test_the_offset_is_the_mean_of_both_directions(model):
+    """Sweeps that lag by 1.5 mm wound up, and by 0.5 mm the other way paid out."""
+    found = Zeroing(model, ZeroSettings(repeats=2))
+    sweeps = list(sweeps_of(found, lambda length: length + 3e-3))
+    zero = found._judged(found._cables[0], sweeps)
+    assert zero.offset == pytest.approx(0.0105, abs=1e-6)
+    assert zero.hysteresis == pytest.approx(-0.002, abs=1e-6)
+    assert zero.biases["wire"] == pytest.approx(3e-3, abs=1e-4)
+
+
+@pytest.mark.parametrize(("factor", "refused"), [(9.81, True), (0.102, True), (1.3, False)])
+def test_a_tension_in_another_unit_is_refused_and_friction_is_not(model, factor, refused):
+    cable = Zeroing(model)._cables[0]
+    free = np.linspace(cable.rest + 2e-3, cable.rest - cable.travel, 200)
+    rows = np.array([free - 0.01, factor * cable.tension(free)]).T
+    if refused:
+        with pytest.raises(Stop, match=f"rises {factor} times as much as the model"):
+            cable.fit(rows)
+    else:
+        assert cable.fit(rows) == pytest.approx(0.01, abs=1e-6)
+
+
+@pytest.mark.parametrize("row", [0, 2])
+def test_a_reading_that_is_not_finite_is_none(model, row):
+    def change(values):
+        values[row] = math.inf
+        return values
+
+    done, found = zeroed(model, tower(model), driver=misread(change))
+    assert done.cause is StopCause.STALE
+    assert "never came" in done.reason
+    assert not found.zeros
+
+
+def test_load_cells_with_zeros_and_a_file_that_has_biases(model):
+    """Stated zeros of load cells do no harm, and an encoder's bias is found anew to 0.1 mm."""
+    loads = {"pull": 4.0, "lift": -3.0}
+
+    def biased(built, encoders):
+        stated = {**loads, **encoders}
+        changed = (replace(s, bias=(stated[s.name],)) for s in built.robot.sensors)
+        return softdyn.build(replace(built.robot, sensors=tuple(changed)))
+
+    known = biased(model, {"wire": 0.005, "cord": 0.002})
+    true = biased(built(OFFSETS), {"wire": 0.007, "cord": -0.004})
+    done, found = zeroed(known, tower(true), repeats=3)
+    assert done.cause is StopCause.END, done.reason
+    np.testing.assert_allclose([zero.offset for zero in found.zeros], OFFSETS, atol=5e-4)
+    sensors = {s.name: s.bias[0] for s in found.robot(known.robot).sensors}
+    assert sensors["wire"] == pytest.approx(0.007, abs=1e-4)
+    assert sensors["cord"] == pytest.approx(-0.004, abs=1e-4)
+    assert {name: sensors[name] for name in loads} == loads
+    done, _ = zeroed(model, tower(true))
+    assert "cable of 'flexor': it is tight" in done.reason
+    assert "its sensor's bias is not that of the file" in done.reason
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,12 @@ import pytest
 import softdyn
 from softdyn import InputError
 from softdyn.validation.crosschecks import trajectories
-from softdyn.validation.crosschecks.crosscheck import QUANTITIES, crosscheck, relative_error
+from softdyn.validation.crosschecks.crosscheck import (
+    QUANTITIES,
+    crosscheck,
+    random_state,
+    relative_error,
+)
 from softdyn.validation.crosschecks.result import CrossCheck, TrajectoryRun
 from softdyn.validation.crosschecks.trajectories import damping_couples_branches, rates_of
 from softdyn.validation.twin.twin import Twin
@@ -418,3 +424,107 @@ def test_script_bad_input(arguments, message, tmp_path):
     assert err.startswith("error: ")
     assert err.count("\n") == 1
     assert message in err
+
+
+# -- robots that MuJoCo cannot follow --------------------------------------------------------------
+
+
+def chain(count: int, *, length: float, shrink: float = 1.0, stiffness: float = 1.0) -> str:
+    """Rods of water's density, 10 times as long as thick; each is `shrink` times the one before.
+
+    The springs are `stiffness` N m/rad at the first joint, and scale with length⁴ as the inertias
+    do with length⁵.
+    """
+    text, offset = link("l0", ""), 0.0
+    for k in range(1, count + 1):
+        rod = length * shrink ** (k - 1)
+        mass = 1000 * math.pi / 400 * rod**3
+        moment = mass * rod**2 / 12
+        text += (
+            f'<link name="l{k}"><inertial><origin xyz="{rod / 2} 0 0"/><mass value="{mass}"/>'
+            f'<inertia ixx="{0.1 * moment}" iyy="{moment}" izz="{moment}" ixy="0" ixz="0" iyz="0"/>'
+            "</inertial></link>"
+            + joint(f"j{k}", "revolute", f"l{k - 1}", f"l{k}", xyz=f"{offset} 0 0", rpy="0 0 0",
+                    axis=("0 1 0", "0 0 1")[k % 2])
+            + spring(f"j{k}", stiffness * shrink ** (4 * (k - 1)), 0.0)
+        )  # fmt: skip
+        offset = rod
+    return text
+
+
+ILL_CONDITIONED = chain(20, length=3.0, shrink=0.7)
+
+
+@pytest.mark.parametrize(
+    ("robot", "missing", "reason"),
+    [
+        # 1e4 N m/rad on 3e-10 kg m²: accelerations of 1e13 rad/s² at the start
+        ({"count": 3, "length": 0.01, "stiffness": 1e4}, {"trajectory"}, "acceleration"),
+        # 3e-17 kg m² of the last rod: MuJoCo calls a pivot of M below mjMINVAL = 1e-15 singular
+        ({"count": 3, "length": 4e-4, "stiffness": 1e-11}, {"qdd", "trajectory"}, "1e-15 kg m²"),
+    ],
+    ids=["stiff springs", "tiny inertia"],
+)
+def test_a_robot_that_mujoco_cannot_follow_is_compared_by_its_terms(
+    robot, missing, reason, tmp_path
+):
+    path = write(tmp_path, chain(**robot))
+    result = crosscheck(softdyn.load(path), samples=2)
+    assert {check.quantity for check in result.checks if not check.compared} == missing
+    assert all(reason in check.reason for check in result.checks if not check.compared)
+    assert result.passed
+    assert result.verdict.startswith("the terms agree; no ")
+    assert reason in result.verdict
+    assert json.dumps(result.to_dict(), allow_nan=False)
+
+
+def test_what_mujoco_cannot_follow_is_a_failure_beside_a_term_that_differs(tmp_path):
+    """A wrong term may be why MuJoCo cannot go on."""
+    tiny = chain(count=3, length=4e-4, stiffness=1e-11)
+    model = softdyn.load(write(tmp_path, tiny))
+    twin = Twin(write(tmp_path, tiny.replace('xyz="0.0004 0 0"', 'xyz="0.00041 0 0"'), "faulty"))
+    result = crosscheck(model, twin, samples=2)
+    assert {"tip", "M", "qdd", "trajectory"} <= set(result.failures)
+    assert result.verdict.startswith("FAILED: ")
+
+
+def test_a_scheme_that_mujoco_cannot_follow_leaves_the_other(tmp_path, monkeypatch, short):
+    follow = trajectories.Race.run
+
+    def run(race, name, scheme, share, rng):
+        if scheme is trajectories.RK4:
+            raise trajectories.SimulationError(0.0, "a test")
+        return follow(race, name, scheme, share, rng)
+
+    monkeypatch.setattr(trajectories.Race, "run", run)
+    result = crosscheck(softdyn.load(write(tmp_path, FAULTY)), samples=2)
+    assert result.passed, table(result)
+    assert [(run.scheme, run.why) for run in result.runs if not run.duration] == [("rk4", "a test")]
+    assert {run.scheme for run in result.runs if run.duration} == {"implicit"}
+
+
+def test_accelerations_are_held_against_the_condition_of_the_mass_matrix(tmp_path):
+    """Two solvers that are exact to rounding ε answer M q̈ = f within n ε cond(M).
+
+    NumPy's own solve, by LU, is the third opinion: it is as far from the model's.
+    """
+    model = softdyn.load(write(tmp_path, ILL_CONDITIONED))
+    result = crosscheck(model, samples=5, trajectories=False)
+    assert result.passed, table(result)
+    found = next(check for check in result.checks if check.quantity == "qdd")
+    assert 1e-10 < found.max_error < found.tolerance <= 1e-6
+    rng = np.random.default_rng(0)
+    apart = 0.0
+    for _ in range(5):
+        q, v, u = *random_state(model, rng), np.zeros(0)
+        state = model.state(q, v)
+        solved = np.linalg.solve(state.M, -state.h)
+        apart = max(apart, relative_error(model.forward_dynamics(q, v, u), solved, 1.0))
+    assert 0.01 * found.max_error < apart < 100 * found.max_error
+
+
+def test_the_condition_of_the_mass_matrix_excuses_no_wrong_acceleration(tmp_path, monkeypatch):
+    model = softdyn.load(write(tmp_path, ILL_CONDITIONED))
+    right = model.forward_dynamics
+    monkeypatch.setattr(model, "forward_dynamics", lambda q, v, u: 1.00001 * right(q, v, u))
+    assert crosscheck(model, samples=2, trajectories=False).failures == ("qdd",)

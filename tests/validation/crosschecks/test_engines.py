@@ -141,7 +141,7 @@ def test_a_motor_on_a_joint_against_a_tendon_over_it(tmp_path, tendon, coef, gea
     files = tmp_path / "arm.urdf", tmp_path / "arm.xml"
     files[0].write_text(ARM.format(coef=coef, gear=gear, spring=spring))
     files[1].write_text(MOTOR.format(tendon=tendon))
-    assert compare(*files).passed
+    assert compare(*files).passed == (not spring and tendon != OTHER)
     found = side_by_side(*files, samples=2)
     assert found.passed, found
     assert len(found.runs) == 4  # with inputs, too
@@ -150,7 +150,7 @@ def test_a_motor_on_a_joint_against_a_tendon_over_it(tmp_path, tendon, coef, gea
 def test_a_spring_that_only_the_urdf_gives_to_a_shared_tendon(pair):
     text = pair[0].read_text().replace('name="cable">', 'name="cable" stiffness="8" damping="2">')
     pair[0].write_text(text)
-    assert compare(*pair).passed
+    assert not compare(*pair).passed
     found = side_by_side(*pair, samples=2)
     assert found.passed, found
 

@@ -16,9 +16,9 @@ from softdyn.tasks import AxisTask, PoseTask
 from softdyn.tasks.targets import exp3
 from softdyn.validation import Rig, paper, play
 from softdyn.validation.live.watching import open_watch_page, watch
-from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.pictures.replay import replay
+from softdyn.validation.loop.settings import RunOptions
 from tests.support import PATIENCE, SCRIPTS, micro, winched
 from tests.support.browser import Browser, required
 

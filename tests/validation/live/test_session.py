@@ -18,8 +18,8 @@ from softdyn.validation.live.menu import menu_of
 from softdyn.validation.live.playing import drive, figure_of, period_note
 from softdyn.validation.live.session import Session
 from softdyn.validation.live.watching import watch
-from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.closed_loop import ClosedLoop
+from softdyn.validation.loop.settings import RunOptions
 from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.view.live import messages as m
 from softdyn.view.live.frames import Columns
@@ -116,7 +116,7 @@ def test_the_ghost_of_an_observer_is_its_estimate():
 
 def test_controllers_keep_clear_of_obstacles(model, tmp_path):
     file = tmp_path / "scene.toml"
-    lid = 'links = "tip"\nname = "lid"\n'
+    lid = 'links = "tip"\nname = "lid"\ncontact = false\n'
     file.write_text(f"[[half_space]]\nnormal = [0, 0, -1]\noffset = 0.12\n{lid}")
     words = ["finger", "mpc", "--target", "0.2", "0", "-0.05"]
     free, safe = (

@@ -19,7 +19,7 @@ from softdyn.controllers import (
 )
 from softdyn.controllers.qps.clf import make_clf
 from softdyn.dynamics.integrators import step_rk4
-from softdyn.validation import Log, certified, simulate
+from softdyn.validation import Log, certify, simulate
 from softdyn.validation.loop.certificate import TrueRate
 from tests.support.control_cases import BUNDLED, drawn, robot
 
@@ -82,7 +82,7 @@ def test_a_log_has_the_columns_only_if_it_is_certified(tmp_path):
     goal = Ellipse(0.08, 0.03, 0.2, 0.5)
     law = SoftIdClfQp(model)
     plain = simulate(model, law, goal, duration=0.02, period=0.0005)
-    log = certified(plain, model, law, goal)
+    log = certify(plain, model, law, goal)
     assert plain.Vdot is None
     assert plain.delta_true is None
     np.testing.assert_array_equal(log.u, plain.u)

@@ -10,10 +10,10 @@ import pytest
 
 import softdyn
 from softdyn import Ellipse, InputError, Reference, SetPoint
-from softdyn.controllers import Impedance
+from softdyn.controllers import Compensated, Impedance, SoftIdClfQp
 from softdyn.validation import Twin, crosscheck, paper, simulate
-from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.closed_loop import ClosedLoop
+from softdyn.validation.loop.settings import RunOptions
 from tests.support.cart import DAMPING, LENGTH, MASS, STIFFNESS, TARGET, load, push, steer
 
 NAN, INF = math.nan, math.inf
@@ -371,6 +371,17 @@ def test_a_run_that_does_not_converge_is_failed_and_complete(cart):
     assert log.reason.startswith("no convergence: the final error of ")
     still = simulate(cart, push(0.0), TARGET, duration=0.1)
     assert still.failed  # not below the initial error: equal to it
+
+
+@pytest.mark.parametrize("horizon", [0.0, 0.03])
+def test_a_verdict_of_no_convergence_names_a_horizon_that_is_on(horizon):
+    model = softdyn.load("finger")
+    law = Compensated(SoftIdClfQp(model, horizon=horizon), model, delay=0.0)
+    start = model.state(model.q0, np.full(4, 2.0))
+    behind = SetPoint(start.y - 0.01 * start.ydot)  # the tip leaves it
+    log = simulate(model, law, behind, v0=start.v, duration=0.005, period=0.005)
+    assert log.reason.startswith("no convergence: ")
+    assert ("horizon of 30 ms" in log.reason) == (horizon > 0)
 
 
 def test_a_run_that_converges_is_not_failed(cart):

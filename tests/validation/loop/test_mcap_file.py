@@ -15,6 +15,7 @@ from softdyn import InputError, SetPoint
 from softdyn.controllers import ImpedanceQp
 from softdyn.validation import Log, rollout, simulate
 from softdyn.validation.bench.drive import Drive
+from softdyn.validation.loop import mcap_file
 from softdyn.validation.loop.mcap_file import save_mcap
 from tests.support.benched import NearDriver, benched, tower
 from tests.support.command import command
@@ -120,6 +121,12 @@ def test_poses_and_joints_are_the_model_s(log, tmp_path):
         rates = dict(zip(model.joint_names, log.v[k], strict=True))
         np.testing.assert_allclose(joints["velocity"], [rates[n] for n in joints["name"]])
     assert found["/robot_description"][0][1]["data"] == model.robot.text
+
+
+def test_a_stamp_is_the_nearest_nanosecond():
+    """0.29 s is a little less in binary: 289 999 999.999 ns."""
+    assert mcap_file._stamp(0.29) == {"sec": 0, "nsec": 290_000_000}
+    assert mcap_file._stamp(1.9999999999) == {"sec": 2, "nsec": 0}
 
 
 def test_the_command_writes_a_log_of_either_kind(tmp_path):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
+from softdyn.controllers.channels import LogChannel
 from softdyn.validation import Log, rollout, simulate
-from softdyn.validation.channels import LogChannel
 from softdyn.validation.loop.loop import ControlLoop
 from softdyn.validation.loop.plants import Plant
 from softdyn.validation.twin.twin import SimulationError
@@ -98,6 +98,22 @@ def test_a_channel_may_not_hide_a_part_of_the_log(cart):
         simulate(cart, steer, TARGET, plant=own, **OPTIONS)
 
 
+@pytest.mark.parametrize(
+    ("given", "name"),
+    [
+        ({"heat": 3.0}, "values of a run"), ({"warmth": [1.0, 2.0]}, "values of a run: warmth"),
+        ({"warmth": "hot"}, "values of a run: warmth"),
+    ],
+)  # fmt: skip
+def test_a_plant_s_value_of_no_channel_or_of_another_shape_is_one_line(cart, given, name):
+    own = Cart(shy=False)
+    own.advance = lambda u, steps, seen: given
+    with pytest.raises(InputError) as caught:
+        simulate(cart, steer, TARGET, plant=own, **OPTIONS)
+    assert caught.value.name == name
+    assert caught.value.log.steps == 0
+
+
 def test_a_loop_is_stepped_without_a_record(cart):
     log = simulate(cart, steer, TARGET, plant=Cart(shy=False), **OPTIONS)
     loop = ControlLoop(cart, Cart(shy=False), steer)
@@ -127,6 +143,10 @@ def test_a_plant_that_stops_ends_the_run_with_its_reason(cart):
 def test_a_rollout_moves_it_too(cart):
     log = rollout(cart, [2.0], 0.5, period=0.01, plant=Cart(shy=False))
     np.testing.assert_allclose(log.q, rollout(cart, [2.0], 0.5, period=0.01).q, atol=1e-13)
+    tip = " ".join(f"{x:.6g}" for x in log.y[-1])
+    assert log.summary().splitlines()[:2] == [
+        f"{log.robot}, rollout of 0.5 s", f"tip at the end {tip} m",
+    ]  # fmt: skip
 
 
 def test_an_unknown_argument_is_refused_with_the_one_that_is_meant(cart):

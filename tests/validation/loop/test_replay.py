@@ -13,7 +13,7 @@ import softdyn
 from softdyn import InputError, SetPoint
 from softdyn.safety import HalfSpace, KeepOutSphere, Surroundings
 from softdyn.validation import Log, paper, simulate
-from softdyn.validation.loop.pictures.replay import comparison, replay, replays, track
+from softdyn.validation.loop.pictures.replay import replay, replays, show_runs, track
 from softdyn.validation.loop.pictures.time_figures import compare
 from tests.support import ROOT
 
@@ -102,19 +102,19 @@ def test_a_log_of_another_robot_is_refused(log):
 def test_runs_are_told_apart_by_what_differs(model, log):
     other = replace(log, controller="ic")
     faster, driven = replace(log, theta=1.0), replace(log, plant="MyRig")
-    labels = [[t.label for t in comparison(logs, [model] * 2).runs[0].tracks]
+    labels = [[t.label for t in show_runs(logs, [model] * 2).runs[0].tracks]
               for logs in ((log, other), (log, faster), (log, driven), (log, log))]  # fmt: skip
     assert labels == [["idle", "IC"], ["set point θ = 0.5π", "set point θ = π"],
                       ["simulated", "MyRig"], ["idle", "idle"]]  # fmt: skip
 
 
 def test_side_by_side_robots_do_not_overlap(model, log):
-    page = comparison([log, log, log], [model] * 3, side_by_side=True)
+    page = show_runs([log, log, log], [model] * 3, side_by_side=True)
     x = [t.offset[0] for t in page.runs[0].tracks]
     assert np.diff(x).min() > log.length
     assert len(page.figures) == 1
     assert all(t.path is not None for t in page.runs[0].tracks)
-    together = comparison([log, log], [model] * 2).runs[0].tracks
+    together = show_runs([log, log], [model] * 2).runs[0].tracks
     assert [t.offset[0] for t in together] == [0.0, 0.0]
     assert len({t.colour for t in together}) == 2
 
@@ -124,9 +124,9 @@ def test_obstacles_stand_once_in_one_place_and_beside_every_robot(model, log):
     among = replace(log, obstacles=around.table)
     count = len(replay(log, model).figures[0].data["shapes"])
     assert len(replay(among, model).figures[0].data["shapes"]) == count + 2
-    together = comparison([among, log], [model] * 2)
+    together = show_runs([among, log], [model] * 2)
     assert [len(together.figures[t.figure].scenery) for t in together.runs[0].tracks] == [2, 0]
-    apart = comparison([among, log], [model] * 2, side_by_side=True)
+    apart = show_runs([among, log], [model] * 2, side_by_side=True)
     assert [len(apart.figures[t.figure].scenery) for t in apart.runs[0].tracks] == [2, 2]
 
 

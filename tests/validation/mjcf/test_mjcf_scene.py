@@ -1,6 +1,7 @@
 """A controller on the analytic model drives a user's MJCF."""
 
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import softdyn
 from softdyn import InputError, SetPoint
 from softdyn.commands import run
 from softdyn.controllers import SoftIdClfQp
+from softdyn.description.library import find
 from softdyn.validation import Log, Twin, paper, simulate
 from softdyn.validation.mjcf.export import write_mjcf
 from softdyn.validation.mjcf.scene import Scene
@@ -47,6 +49,33 @@ def test_the_same_robot_from_another_hand_moves_as_the_twin_does(finger, tmp_pat
     twin = simulate(finger, SoftIdClfQp(finger), plan, duration=0.5)
     assert np.abs(log.q - twin.q).max() < 1e-7 < np.abs(log.q).max()
     assert np.abs(log.u - twin.u).max() < 1e-5 < np.abs(log.u).max()
+
+
+@pytest.mark.parametrize("as_path", [True, False])
+@pytest.mark.parametrize(
+    ("where", "name", "said"),
+    [("option", "density", "opt.density 1000"), ("option", "viscosity", "opt.viscosity 1000"),
+     ("joint", "frictionloss", "friction of joint1 1000"),
+     ("joint", "armature", "armature of joint1 1000")],
+)  # fmt: skip
+def test_what_the_model_does_not_know_is_said(finger, tmp_path, where, name, said, as_path):
+    def change(root) -> None:
+        without_obstacles(root)
+        root.find(f".//worldbody//{where}" if where == "joint" else where).set(name, "1000")
+
+    file = changed(tmp_path, change)
+    plant = file if as_path else Scene(finger, file)
+    plan = paper.set_point("finger", theta=0.5)
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        simulate(finger, SoftIdClfQp(finger), plan, plant=plant, duration=0.01)
+    assert [
+        one for one in heard if "does not know" in str(one.message) and said in str(one.message)
+    ]
+
+
+def test_a_scene_that_the_model_knows_warns_of_nothing_unknown(finger, tmp_path):
+    assert Scene(finger, changed(tmp_path, without_obstacles)).unknown == ()
 
 
 def test_what_stands_in_the_way_stops_the_finger_and_the_block_is_pushed(finger):
@@ -246,3 +275,55 @@ def test_the_command_reports_the_differences_first_and_shows_the_scene(capsys, t
             plant=SCENE,
             duration=0.01,
         )
+
+
+def test_our_own_export_drives_a_file_whose_coefficients_changed(tmp_path):
+    """A unit input pulls with the same tension on the cable of the same name, at other arms."""
+    text = find("finger").read_text()
+    write_mjcf(find("finger"), tmp_path / "finger.xml")
+    other = tmp_path / "finger.urdf"
+    root = etree.fromstring(text.encode())
+    coef = root.find("softdyn/tendon/joint")
+    coef.set("coef", str(1.1 * float(coef.get("coef"))))
+    other.write_bytes(etree.tostring(root))
+    model, own = softdyn.load(other), softdyn.load(find("finger"))
+    plant = Scene(model, tmp_path / "finger.xml")
+    assert plant.inputs == pytest.approx(Scene(own, tmp_path / "finger.xml").inputs)
+    assert not plant.comparison.passed
+    assert "tendon" in {cause.kind for cause in plant.comparison.causes}
+
+
+def test_an_input_without_an_actuator_is_named_with_the_targets(tmp_path):
+    write_mjcf(find("finger"), tmp_path / "finger.xml")
+    text = (tmp_path / "finger.xml").read_text()
+    root = etree.fromstring(text.encode())
+    (actuators,) = root.findall("actuator")
+    actuators.remove(actuators[0])
+    (tmp_path / "finger.xml").write_bytes(etree.tostring(root))
+    with pytest.raises(InputError) as error:
+        Scene(softdyn.load("finger"), tmp_path / "finger.xml")
+    assert "'u1'" in str(error.value)
+    assert "'u2' on tendon:tendon_b" in str(error.value)
+
+
+@pytest.mark.parametrize(("share", "fits"), [(5e-4, True), (5e-3, False)])
+def test_arms_on_a_cable_of_another_name_are_proportional_within_a_thousandth(
+    tmp_path, share, fits
+):
+    """An input has one scale, so that it drives both joints of a cable as they are in the file."""
+    write_mjcf(find("finger"), tmp_path / "finger.xml")
+    root = etree.parse(tmp_path / "finger.xml").getroot()
+    for k, cable in enumerate(root.findall("tendon/fixed")):
+        for motor in root.findall(f"actuator/*[@tendon='{cable.get('name')}']"):
+            motor.set("tendon", f"other_{k}")
+        cable.set("name", f"other_{k}")
+    arms = root.findall("tendon/fixed[@name='other_0']/joint")
+    assert len(arms) == 2
+    arms[1].set("coef", str((1 + share) * float(arms[1].get("coef"))))
+    (tmp_path / "finger.xml").write_bytes(etree.tostring(root))
+    model = softdyn.load("finger")
+    if fits:
+        assert Scene(model, tmp_path / "finger.xml").inputs == pytest.approx(np.eye(2), rel=1e-3)
+    else:
+        with pytest.raises(InputError, match="'u1'"):
+            Scene(model, tmp_path / "finger.xml")

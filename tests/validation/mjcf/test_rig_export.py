@@ -48,6 +48,7 @@ ARM = """<robot name="arm"><link name="world"/>
 <sensor name="pull" type="tension" tendon="left"/>
 <sensor name="camera" type="pose" link="lower" xyz="0 0 -0.2" rpy="1 2 3" rate="100"
   latency="0.01" noise="0.01"/>
+<sensor name="flex" type="bend" link="world" to="lower" rpy="0.3 0.2 0.1"/>
 <sensor name="gyro" type="gyro" link="upper"/><sensor name="encoder" type="joint" joint="b"/>
 </softdyn></robot>"""
 SLACK = 'stiffness="300" rest="0.33" slack="true" damping="{}"'
@@ -68,8 +69,8 @@ def test_friction_of_a_cable_is_lost_in_mjcf_kept_in_urdf_and_compared(tmp_path)
     rubbing.write_text(text.replace('name="right"', 'name="right" friction="0.1"'))
     result, lost = export.write_mjcf(rubbing, tmp_path / "arm.xml", shapes=False)
     assert "tendon 'right': its friction of 0.1" in lost
-    assert result.passed
-    assert "friction" in {cause.kind for cause in result.causes}
+    assert not result.passed
+    assert "friction" in {cause.kind for cause in result.causes if not cause.one_sided}
     result, _ = export.write_urdf(rubbing, tmp_path / "again.urdf")
     assert {c.detail for c in result.causes} == {"sensor, only in one file"}
     assert softdyn.parse(tmp_path / "again.urdf").tendons[1].friction == 0.1
@@ -129,9 +130,10 @@ def test_the_rig_comes_back(tmp_path, rig, damping):
     """URDF → MJCF → URDF: the same actuators and slack tendons; sensors are named as lost."""
     source = arm(tmp_path, rig | {"rate": 5.0}, damping)
     result, lost = export.write_mjcf(source, tmp_path / "arm.xml", shapes=False)
-    assert result.passed
+    assert not result.passed
     assert "actuator 'u1': the bound 5/s of its command's rate" in lost
-    assert [c.one_sided for c in result.causes if c.detail == "rate"] == [True] * 2
+    moving = [c for c in result.causes if not c.one_sided]
+    assert [(c.kind, c.detail, c.alone) for c in moving] == [("actuator", "rate", True)] * 2
     result, lost = export.write_urdf(tmp_path / "arm.xml", tmp_path / "back.urdf")
     assert result.passed
     assert "sensor 'camera:0'" in lost
@@ -156,8 +158,10 @@ def test_a_user_s_servos_in_a_urdf(tmp_path):
         '<velocity name="speed" joint="h" kv="5"/></actuator></mujoco>'
     )
     result, lost = export.write_urdf(path, tmp_path / "out.urdf")
-    assert result.passed  # without a limit the joint still has a position
+    assert not result.passed
     units = [(c.where, c.a, c.b) for c in result.causes if c.detail == "unit"]
+    lone = [c.where for c in result.causes if c.kind == "actuator" and c.b is None and c.a != -1.0]
+    assert lone == ["servo", "speed"]
     assert units == [("winch", -1.0, None)]
     assert "actuator 'winch': that -1 in its command is 1 m" in lost
     assert "actuator 'servo': a servo that pushes" in lost
@@ -225,7 +229,8 @@ def test_a_winch_over_one_joint_is_compared_with_a_servo_on_it(tmp_path, coef):
         ours.write_text(HINGE.format(coef=coef, k=stiffness, d=d), encoding="utf-8")
         theirs.write_text(SERVO.format(**servo), encoding="utf-8")
         found = [c for c in compare(ours, theirs).causes if c.kind == "actuator"]
-        assert [c.detail for c in found if not c.one_sided] == ([] if same else ["stiffness"])
+        units = [] if coef == 1.0 else ["unit"]
+        assert [c.detail for c in found] == units + ([] if same else ["stiffness"])
 
 
 def test_compare_of_sensors(tmp_path):

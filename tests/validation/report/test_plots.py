@@ -220,6 +220,14 @@ def test_plots_name_the_logs_that_are_missing(call):
     assert not Path("out").exists()
 
 
+def test_of_many_missing_logs_three_are_named_and_the_others_counted(call):
+    _, _, errors = call("--omegas", "0.1", "0.2", "0.3", "0.4", "0.5")
+    assert errors.endswith("/tracking_0.1, finger/ic/tracking_0.2, finger/ic/tracking_0.3 "
+                           "and 2 more\n")  # fmt: skip
+    _, _, errors = call("--omegas", "0.1", "0.2", "0.3")
+    assert errors.endswith("finger/ic/tracking_0.3\n")
+
+
 def test_plots_of_a_damaged_log(call):
     path = benchmark.store(Path("out")).log_path(Case("finger", "ic", "tracking", 0.2).name)
     path.parent.mkdir(parents=True)
@@ -287,6 +295,14 @@ def test_a_band_holds_every_sample(tmp_path):
     assert same.mean[k] == pytest.approx(
         np.interp(0.5, run.log.t[:-1] / 10, given / given[0]), rel=0.03
     )
+
+
+def test_paths_are_drawn_in_the_plane_of_x_and_z(tmp_path):
+    run = make_run(tmp_path)
+    y = np.random.default_rng(0).normal(size=run.log.y.shape)
+    run = replace(run, log=run.log.altered(y=y, y_ref=2 * y))
+    np.testing.assert_allclose(run.path, 100 * np.delete(y, 1, axis=1))
+    np.testing.assert_allclose(run.goal, 200 * np.delete(y, 1, axis=1))
 
 
 def test_a_run_that_ended_early_is_marked_and_counts_as_long_as_it_lasts(tmp_path):

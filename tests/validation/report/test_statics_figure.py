@@ -17,6 +17,10 @@ def test_points_of_an_upright_plane_are_drawn_in_it():
         np.testing.assert_allclose(plane.flat(points), 100 * flat, atol=1e-9)
         assert not plane.holds(np.add(points, [0.1, -0.2, 0]))
     assert Plane.of(np.array([[0.1, 0, -0.3], [-0.2, 0, 0.1]])).titles == ("x (cm)", "z (cm)")
+    for degrees, title in ((90.0, "y (cm)"), (88.6, "horizontally, 89° from x (cm)")):
+        x, y = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        points = np.array([[0.1 * x, 0.1 * y, -0.3], [-0.2 * x, -0.2 * y, 0.1]])
+        assert Plane.of(points).titles == (title, "z (cm)")
 
 
 def test_a_robot_on_a_table_is_seen_from_above():

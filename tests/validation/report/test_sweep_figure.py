@@ -8,6 +8,7 @@ import pytest
 
 from softdyn.validation.loop.pictures import plot_style
 from softdyn.validation.report import sweep_figure
+from softdyn.validation.studies import sweep
 from softdyn.validation.studies.sweep_file import read_sweep
 
 TEXT = """
@@ -28,15 +29,16 @@ def drawn(tmp_path, monkeypatch):
     kept = []
     write = plot_style.write_figure
     monkeypatch.setattr(
-        plot_style, "write_figure", lambda f, path: kept.append(f) or write(f, path)
+        plot_style, "write_figure", lambda f, path, **more: kept.append(f) or write(f, path, **more)
     )
 
     def draw(text, figure_of):
         (tmp_path / "sweep.toml").write_text(text)
-        sweep = read_sweep(tmp_path / "sweep.toml")
-        found = [(case, figure_of(case)) for case in sweep.cases]
-        there = sweep_figure.draw(sweep, found, tmp_path / "sweep.png")
-        assert there == (tmp_path / "sweep.png").exists()
+        wanted = read_sweep(tmp_path / "sweep.toml")
+        found = [(case, figure_of(case)) for case in wanted.cases]
+        there = sweep_figure.draw(wanted, found, tmp_path / "sweep")
+        assert there == [one for one in (tmp_path / "sweep.pdf", tmp_path / "sweep.png")
+                         if one.exists()]  # fmt: skip
         return (kept.pop() if there else None), found
 
     return draw
@@ -118,3 +120,30 @@ def test_the_command_writes_it_and_the_page_shows_it(tmp_path, capsys):
     assert str(out / "sweep.png") in files
     assert (out / "sweep.png").read_bytes()[:4] == b"\x89PNG"
     assert "![Every case](sweep.png)" in (out / "sweep.md").read_text()
+
+
+def test_a_robot_has_no_panel_in_which_its_cases_do_not_differ(drawn, monkeypatch):
+    """The targets of an arm are points of its own, so that it has no θ."""
+    text = """
+robots = ["finger", "helix"]
+controllers = "ic"
+rows = ["robot", "change", "gains.eps"]
+targets.theta = [0.5, 1]
+targets.equilibria = true
+gains.eps = [0.01, 0.02]
+labels = { ic = "Ours", "gains.eps" = "ε (s)", finger = "Fin" }
+changes.heavy = { plant.mass = 1.1 }
+"""
+    results = iter(range(1000))
+    own = {"helix": [("point", (0.1, 0.0, -0.2))]}
+    monkeypatch.setattr(sweep, "study_targets", lambda model, found: own.get(model.name, found))
+    figure, _ = drawn(text, lambda case: done(1.0 + next(results)))
+    theta = "θ (π rad)"
+    assert [axes.get_xlabel() for axes in figure.axes] == [
+        "ε (s)", "change", theta, "ε (s)", "change"
+    ]  # fmt: skip
+    assert [axes.get_ylabel() for axes in figure.axes if axes.get_ylabel()] == [
+        "Fin\nfinal error (cm)", "Helix\nfinal error (cm)"
+    ]  # fmt: skip
+    assert all(dots(axes) for axes in figure.axes)
+    assert figure.get_figwidth() <= 3 * sweep_figure.WIDTH + 0.5

@@ -1,6 +1,7 @@
 """Fixtures of the tests of sweeps."""
 
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -30,6 +31,22 @@ def written(folder):
         return read_sweep(folder / name)
 
     return write
+
+
+@pytest.fixture
+def refused(folder, call):
+    """A sweep with something replaced is refused in one line, before anything is written."""
+
+    def check(text, old, new, message):
+        assert old in text
+        (folder / "sweep.toml").write_text(text.replace(old, new, 1))
+        code, out, err = call(folder / "sweep.toml", "--out", "out")
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert err.startswith(f"error: {folder / 'sweep.toml'}: ")
+        assert message in err
+        assert not Path("out").exists()
+
+    return check
 
 
 @pytest.fixture

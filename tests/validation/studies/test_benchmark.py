@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from functools import partial
 from pathlib import Path
 
@@ -21,10 +20,11 @@ from softdyn.validation.studies.engine import sources, store
 from softdyn.validation.studies.engine.case import Case, number_text
 from tests.support import PATIENCE, ROOT, SCRIPTS
 from tests.support.command import command, of_itself
+from tests.support.sweeps import wait_for
 
 SCRIPT = SCRIPTS / "benchmark.py"
 OWN = """
-import math, os, signal, sys
+import math, os, signal, sys, time
 from types import SimpleNamespace
 from neighbour import FORCE
 
@@ -34,6 +34,8 @@ class Push:
         print("a user's own words")
         self.nu, self.gains = model.nu, {"other": object()}
     def __call__(self, state, reference):
+        while os.path.exists("wait"):
+            time.sleep(0.01)
         return SimpleNamespace(u=[self.force] * self.nu)
 
 class Nan(Push):
@@ -240,12 +242,12 @@ def said(errors):
 
 
 def test_killed_half_way(call, reference):
+    Path("wait").touch()  # the own controller's runs do not end before the kill
     process = start(*GRID, *CONTROLLERS, "--out", "out")
-    deadline = time.monotonic() + PATIENCE
-    while not stamps("out") and time.monotonic() < deadline:
-        time.sleep(0.002)
+    wait_for(lambda: stamps("out"))
     process.kill()
     process.communicate(timeout=PATIENCE)  # the pipes close when the last worker is gone
+    Path("wait").unlink()
     before = stamps("out")
     assert process.returncode == -signal.SIGKILL
     assert before

@@ -37,7 +37,7 @@ class Made:
             number = 0 if case.draw is None else case.draw[1] + 1
             mse = {CHAOTIC.controller: 3.0 + number, GONE.controller: None if number % 4 else 5.0}
             figures = {"final_error_cm": 0.125, "mse_cm2": mse[case.controller]}
-            if rig := case.options.get("rig"):
+            if isinstance(rig := case.options.get("rig"), dict):
                 figures |= {"input_change_percent": 0.1 * (1 + rig.get("seed", 0) % 5)}
             if case is CHAOTIC or case.draw == (3, 0):
                 figures |= {"second_cycle_mse_cm2": 0.5 + number}
@@ -71,6 +71,24 @@ def test_noise_has_other_seeds_and_always_all_of_them(tmp_path: Path) -> None:
     assert {(case.nudge, case.draw) for case in made.ran} == {(0.0, None)}
     assert cell.seeds == {"2": (0.125,) * 4}  # a figure that stays has all its runs, too
     assert cell.input_change == Distribution(0.1, {"2": pytest.approx((0.2, 0.3, 0.4, 0.5))})
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"rig": "file", "observer": ""}, {"rig": {"lag": 0.01}, "observer": "tip_force"},
+     {"rig": {"bias": 1e-3}}],
+    ids=["file", "table", "bias"],
+)  # fmt: skip
+def test_sensors_and_biases_have_other_seeds_too(options: dict[str, Any], tmp_path: Path) -> None:
+    made, case = Made(), Case("finger", "ic", "set_point", 0.5, options=options)
+    cell = ensemble.run({"observed": case}, Store(tmp_path), made, 4, 2)["observed"]
+    assert made.ran[0].options["rig"] == options["rig"]
+    said = options["rig"] if isinstance(options["rig"], dict) else {}
+    wanted = [said | {"seed": k} for k in (2001, 2002, 2003, 2004)]
+    assert [one.options["rig"] for one in made.ran[1:]] == wanted
+    assert {one.options.get("observer") for one in made.ran} == {options.get("observer")}
+    assert len({one.draw for one in made.ran}) == 5  # a loop without noise may be chaotic
+    assert cell.seeds == {"2": (0.125,) * 4}
 
 
 def test_trajectories_have_a_second_cycle_and_set_points_an_input_change(tmp_path: Path) -> None:

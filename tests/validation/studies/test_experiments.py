@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import Ellipse, InputError, SetPoint
+from softdyn import Ellipse, InputError, OutOfReach, SetPoint
 from softdyn.validation import paper
+from tests.support.micro import FLOATING, write
 
 LENGTH = {"finger": 0.24, "helix": 0.45, "spirob": 0.50, "spirob48": 0.50}
 PERIOD = {"finger": 0.005, "helix": 0.0075, "spirob": 0.002, "spirob48": 0.002}
@@ -146,6 +147,14 @@ def test_a_robot_without_length_has_targets_only():
     assert setup.target([1, 2, 3]).length == 0.0
     with pytest.raises(InputError, match="a target"):
         setup.set_point(0.5)
+
+
+def test_only_a_fixed_base_limits_the_reach(tmp_path):
+    """A floating robot goes where it likes, and one without a length has no reach to leave."""
+    far, file = [90.0, 0.0, 0.0], write(tmp_path, FLOATING)
+    with pytest.raises(OutOfReach, match="target"):
+        paper.experiment(softdyn.load(file), target=far)
+    assert paper.experiment(softdyn.load(file, floating=True), target=far).theta is None
 
 
 def test_an_experiment_is_frozen():

@@ -15,7 +15,7 @@ import pytest
 
 import softdyn
 from softdyn import InputError
-from softdyn.controllers.gains import PUBLISHED
+from softdyn.controllers.registry import CONTROLLERS
 from softdyn.validation.studies import study_targets, sweep_report
 from softdyn.validation.studies.engine import distribution
 from softdyn.validation.studies.engine.case import Case
@@ -123,7 +123,7 @@ def test_robustness_is_one_change_at_a_time() -> None:
 
 
 def test_horizons_are_shares_of_eps() -> None:
-    eps = PUBLISHED["finger"]["soft-id-clf-qp"].eps
+    eps = CONTROLLERS["soft-id-clf-qp"].published["finger"].eps
     cells = read_sweep("horizon", {"robots": ["finger"]}).cells
     shares = {"0/0": 0.0, "0.5/15": 0.5, "0.8/24": 0.8, "1/30": 1.0, "1.2/36": 1.2, "2/60": 2.0}
     titles = ("θ = 0π", "θ = 0.5π", "θ = 1π", "θ = 1.5π", "ω = 0.5π")

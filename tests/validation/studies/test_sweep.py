@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn.controllers import Gains
+from softdyn.controllers import Gains, Mpc, best
 from softdyn.validation import Log, paper, simulate
 from softdyn.validation.studies import sweep, sweep_report
 from softdyn.validation.studies.engine import executors, fingerprint, worker
+from softdyn.validation.studies.sweep_file import read_sweep
 from tests.support import PATIENCE, SCRIPTS
 from tests.support.sweeps import FINGER, OWN, OWN_SWEEP, contents, results, wait_for
 
@@ -170,7 +171,7 @@ def test_neither_an_interruption_nor_the_number_of_workers_changes_a_byte(folder
     assert call(folder / "sweep.toml", "--out", "straight", "--jobs", 1)[0] == 0
     names = [name for name in contents(Path("out")) if not name.endswith(".part")]
     straight = contents(Path("straight"))
-    assert len(straight) == 2 * len(stiffness) + 3  # two tables, a figure
+    assert len(straight) == 2 * len(stiffness) + 4  # two tables, a figure twice
     assert {n: contents(Path("out"))[n] for n in names} == straight
 
 
@@ -208,3 +209,32 @@ def test_a_sweep_of_best_and_mpc_needs_no_gains(folder, call):
     assert code == 0, err
     assert json.loads(out)["outcomes"]["done"] == 2
     assert {r["inputs"]["gains"] for r in results(Path("out"))} == {None}
+
+
+def test_best_and_mpc_run_once_where_they_are_the_same(folder, call):
+    """On a path of the finger; not at a set point, with a schedule, or with other gains."""
+    text = (
+        'robots = ["finger", "spirob"]\ncontrollers = ["mpc", "best"]\n'
+        "targets = { theta = 0.5, omega = 0.5 }\nrun.duration = 0.02\n"
+    )
+    (folder / "sweep.toml").write_text(text)
+    wanted = read_sweep(folder / "sweep.toml")
+    marks: dict[str, list[str]] = {}
+    for job in wanted.jobs():
+        marks.setdefault(job.fingerprint, []).append(f"{job.case.robot} {job.case.kind}")
+    assert [of for of in marks.values() if len(of) > 1] == [["finger tracking"] * 2]
+    (folder / "sweep.toml").write_text(text.replace(', "spirob"', "").replace("theta = 0.5, ", ""))
+    found = [call(folder / "sweep.toml", "--out", "out", "--jobs", 1, "--json", "-")[1]
+             for _ in range(2)]  # fmt: skip
+    assert [json.loads(out)["ran"] for out in found] == [1, 0]
+    model = softdyn.load("finger")
+    errors = {
+        simulate(model, make(model), paper.tracking("finger", 0.5), duration=0.02).mse_cm2
+        for make in (Mpc, best)
+    }
+    assert len(errors) == 1
+    assert {result["mse_cm2"] for result in results(Path("out"))} == errors
+    named = {result["inputs"]["controller"] for result in results(Path("out"))}
+    assert named == {"best", "mpc"}
+    (folder / "sweep.toml").write_text(text + "gains.mpc.horizon = 0.2\n")
+    assert len({job.fingerprint for job in read_sweep(folder / "sweep.toml").jobs()}) == 8

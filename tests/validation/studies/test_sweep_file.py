@@ -12,11 +12,11 @@ import pytest
 import softdyn
 from softdyn import InputError, SetPoint
 from softdyn.controllers import Gains, Mpc
-from softdyn.controllers.gains import PUBLISHED
+from softdyn.controllers.registry import CONTROLLERS
 from softdyn.validation import paper, simulate
-from softdyn.validation.loop.arguments import RunOptions
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.observation import make_observer
+from softdyn.validation.loop.settings import RunOptions
 from softdyn.validation.studies import study_targets, sweep_report
 from softdyn.validation.studies.axes import MAX_CASES, draw
 from softdyn.validation.studies.engine import cluster as dask
@@ -77,7 +77,7 @@ def test_ranges_and_defaults(written):
     np.testing.assert_allclose(values["gains.eps"], [0.01, 0.1, 1.0], rtol=1e-15)
     assert (values["gains.eps"][0], values["gains.eps"][-1]) == (0.01, 1.0)
     case = sweep.cases[0]
-    published = PUBLISHED["finger"]["ic"]
+    published = CONTROLLERS["ic"].published["finger"]
     assert Gains(**case.parameters) == replace(published, Kp=100.0, eps=0.01)
     grid = case.grid(sweep.models["finger"])
     assert (grid.period, grid.duration) == (paper.setup("finger").period, 0.2)
@@ -101,7 +101,7 @@ u_ref = [[0.1, -0.2], 0]
 """)
     found = [(case.parameters["horizon"], case.parameters["u_ref"]) for case in sweep.cases]
     assert found == [(0, (0.1, -0.2)), (0, 0), (0.02, (0.1, -0.2)), (0.02, 0)]
-    assert sweep.cases[0].parameters["eps"] == PUBLISHED["finger"]["soft-id-clf-qp"].eps
+    assert sweep.cases[0].parameters["eps"] == CONTROLLERS["soft-id-clf-qp"].published["finger"].eps
     assert "u_ref: (0.1, -0.2), 0" in "\n".join(sweep_report._varied(sweep))
     overlay = (ROOT / "docs" / "examples" / "soft_ur5.xml").read_text()
     (folder / "mine.xml").write_text(overlay)
@@ -174,7 +174,7 @@ MISUSES = [
     ({"controllers": 'controllers = ["own.py:C"]'}, "controllers: expected a class in"),
     ({"controllers": 'controllers = ["bad.py:C"]'}, "NameError in line 1"),
     ({"targets": ""}, "expected [targets], got none"),
-    ({"targets": "[targets]\nphi = 1"}, "[targets]: phi: expected one of equilibria, theta"),
+    ({"targets": "[targets]\nphi = 1"}, "[targets]: phi: expected one of equilibria, periodic"),
     ({"targets": "[targets]\nomega = 0"}, "targets.omega: expected a finite number > 0, got 0"),
     ({"targets": "[targets]\ntheta = nan"}, "targets.theta: expected a finite number, got nan"),
     ({"targets": "[targets]\npoint = 1"}, "[targets]: point: expected [x, y, z] in m"),
@@ -227,11 +227,11 @@ MISUSES = [
      "1000 gains.Kp × 1000 gains.eps"),
     ({"controllers": 'controllers = ["ic", "own.py:Spring"]',
       "more": '[gains."own.py:Sprung"]\nk = 1'},
-     "[gains]: own.py:Sprung: expected one of Kp, eps"),
+     "[gains]: own.py:Sprung: expected one of ic, own.py:Spring, got"),
     ({"more": "[gains.ic]\nkp = 1"}, "[gains]: [ic]: kp: expected one of Kp, eps"),
     ({"more": "[gains.ic]\nKp = [1, -1]"}, "gains.ic.Kp: expected a positive number, got -1"),
     ({"controllers": 'controllers = ["mpc"]', "more": "[gains.mpc]\nhorizn = 1"},
-     "mpc for finger: parameters: horizn: expected"),
+     "[gains]: [mpc]: horizn: expected one of horizon, speed, rate, memory, lag, delay, friction"),
     ({"more": "nonsense"}, "expected a TOML file"),
 ]  # fmt: skip
 
@@ -423,6 +423,65 @@ def test_a_sensor_s_own_errors_and_every_other_value_may_be_random(written, sens
     for robot in (plant.twin.robot, make_observer(model, options.rig, "tip_force").model.robot):
         (eye,) = robot.sensors
         assert (eye.noise, eye.latency) == expected
+
+
+def test_an_observer_without_disturbances_is_printed_as_it_is_written(written, sensed):
+    rows = 'rows = ["change", "sample", "run.observer"]'
+    text = SENSED.replace("rate = [50, 100]", "rate = 50").replace(
+        'rows = ["change", "sample", "rig.sensors.left.eye.rate"]', rows
+    )
+    sweep = written(text.replace('run.observer = "tip_force"', 'run.observer = ["", "tip_force"]'))
+    named = {sweep.text(case, "run.observer") for case in sweep.cases}
+    assert named == {'""', "tip_force"}
+    assert '- observer: "", tip_force' in sweep_report._varied(sweep)
+
+
+CHANGED_GAINS = """
+robots = "finger"
+controllers = ["best", "ic"]
+rows = ["controller", "change"]
+targets.theta = 0.5
+gains.ic.eps = 0.05
+[changes]
+late = { gains."best".lag = 0.02 }
+"eps {}" = { gains.ic.eps = [0.03, 0.04] }
+both = { gains.ic.eps = 0.01, gains.best.delay = 0.01 }
+all = { gains.eps = 0.02 }
+heavy = { plant.mass = 1.1, gains.best.lag = 0.03 }
+"""
+
+
+def test_a_change_may_set_the_gains_of_one_controller(written):
+    sweep = written(CHANGED_GAINS)
+    found = {(c.controller, change): c.parameters for c, change in sweep.expanded}
+    names = {name: [n for of, n in found if of == name] for name in sweep.controllers}
+    assert names == {
+        "best": ["none", "late", "both", "heavy"],  # not those for ic only
+        "ic": ["none", "eps 0.03", "eps 0.04", "both", "all", "heavy"],
+    }
+    eps = [found["ic", name]["eps"] for name in names["ic"]]
+    assert eps == [0.05, 0.03, 0.04, 0.01, 0.02, 0.05]
+    best = [found["best", name] for name in names["best"]]
+    assert best == [None, {"lag": 0.02}, {"delay": 0.01}, {"lag": 0.03}]
+
+
+@pytest.mark.parametrize(
+    ("new", "message"),
+    [
+        ('"best".lagg = 1', "[changes]: [late]: [gains]: [best]: lagg: expected one of approach"),
+        ("mpc.lag = 1", "[changes]: [late]: [gains]: mpc: expected one of best, ic, got 'mpc'"),
+        ('"own.py:Spring".k = 1', "own.py:Spring: expected one of best, ic, got"),
+        ("best.lag = -1", "best for finger: lag: expected a finite number >= 0, got -1"),
+        ("ic.Kp = -1", "changes.late.gains.ic.Kp: expected a positive number, got -1"),
+    ],
+)
+def test_a_dry_run_refuses_what_the_run_would_refuse(folder, call, new, message):
+    head = CHANGED_GAINS.partition("[changes]")[0]
+    (folder / "bad.toml").write_text(f"{head}[changes.late.gains]\n{new}\n")
+    for more in ((), ("--dry-run",)):
+        code, out, err = call(folder / "bad.toml", "--out", folder / "out", *more)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert message in err
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 
 import softdyn
 from softdyn.actuation import Winches
-from softdyn.description.rig import CommandKind, Sensor, SensorKind
+from softdyn.description.rig import Sensor, SensorKind
 from softdyn.validation import Rig, Twin, rollout
 from softdyn.validation.twin.readings import Readings
 from softdyn.validation.twin.state_map import StateMap
@@ -28,7 +28,7 @@ def test_the_model_and_the_twin_read_the_same(source, tmp_path) -> None:
     model = measured(wound(base))
     twin = Twin(model.robot, rig=True, limits=False)
     states, readings, winches = StateMap(model, twin), Readings(twin, 0), Winches(model)
-    speeds = np.array([a.command is CommandKind.VELOCITY for a in model.robot.actuators], bool)
+    speeds = model.robot.speeds
     rng = np.random.default_rng(5)
     low, high = np.maximum(model.lower, -0.8), np.minimum(model.upper, 0.8)
     for _ in range(3):

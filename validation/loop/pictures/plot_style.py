@@ -17,6 +17,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from softdyn import InputError
+from softdyn.controllers import registry
 from softdyn.validation.files import atomic
 from softdyn.validation.loop import labels
 
@@ -37,7 +38,7 @@ INPUTS: tuple[Look, ...] = (
     (BLUE, SOLID), (VERMILLION, DASHED), (GREEN, DASH_DOT), (ORANGE, DOTTED),
     (PURPLE, DASH_DOT_DOT), (SKY, LONG), (BLACK, SOLID), (GREY, DASHED), (BROWN, SOLID),
 )  # fmt: skip
-CONTROLLERS = dict(zip(labels.CONTROLLERS, INPUTS, strict=False))
+CONTROLLERS = dict(zip(registry.CONTROLLERS, INPUTS, strict=False))
 ROBOTS = dict(zip(labels.ROBOTS, (*INPUTS[:3], INPUTS[4]), strict=True))
 OTHERS: tuple[Look, ...] = (
     (BLACK, DASHED), (GREY, SOLID), (BROWN, DASH_DOT), (BLACK, DOTTED), (GREY, DASHED),

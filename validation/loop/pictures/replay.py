@@ -8,12 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from softdyn import SoftModel
+from softdyn.controllers.channels import LogChannel
 from softdyn.description.task_mark import TaskMark
 from softdyn.description.visuals import Visual
 from softdyn.validation.loop.experiment import ROLLOUT
-from softdyn.validation.loop.labels import AnyLog, controller_title, goal, labels_of
+from softdyn.validation.loop.labels import controller_title, goal, labels_of
+from softdyn.validation.loop.log_data import LogData, own_channels
 from softdyn.validation.loop.setups import ellipse_points
-from softdyn.view.page import Page, PlayedRun, Track, frames
+from softdyn.view.page import Page, PlayedRun, Series, Track, frames
 from softdyn.view.scene import Figure
 
 RATE = 30.0  # frames a second
@@ -24,7 +26,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 GAP = 1.25  # between robots side by side, in lengths of the robot
 
 
-def replay(log: AnyLog, model: SoftModel, around: Sequence[Visual] = ()) -> Page:
+def replay(log: LogData, model: SoftModel, around: Sequence[Visual] = ()) -> Page:
     """One run as a page.
 
     Parameters
@@ -46,7 +48,7 @@ def replay(log: AnyLog, model: SoftModel, around: Sequence[Visual] = ()) -> Page
     return Page(model.bundled or log.robot, (figure,), (run,))
 
 
-def replays(logs: Sequence[AnyLog], model: SoftModel, name: str, rate: float = RATE) -> Page:
+def replays(logs: Sequence[LogData], model: SoftModel, name: str, rate: float = RATE) -> Page:
     """One page with several runs of one robot, chosen from a list."""
     marks = list(dict.fromkeys(log.marks for log in logs))
     runs = tuple(
@@ -60,8 +62,8 @@ def replays(logs: Sequence[AnyLog], model: SoftModel, name: str, rate: float = R
     return Page(name, tuple(replace(figure, marks=each) for each in marks), runs)
 
 
-def comparison(
-    logs: Sequence[AnyLog],
+def show_runs(
+    logs: Sequence[LogData],
     models: Sequence[SoftModel],
     labels: Sequence[str] | None = None,
     side_by_side: bool = False,
@@ -70,7 +72,7 @@ def comparison(
 
     Parameters
     ----------
-    logs, models : Sequence[AnyLog], Sequence[SoftModel]
+    logs, models : Sequence[LogData], Sequence[SoftModel]
         The runs and the robot of each.
     labels : Sequence[str], optional
         Names in the legend, by default those of `labels_of`.
@@ -83,7 +85,7 @@ def comparison(
         When a log is another robot's.
     """
     labels = labels_of(logs) if labels is None else labels
-    shared = dict[tuple[int, tuple[TaskMark, ...]], tuple[SoftModel, list[AnyLog]]]()
+    shared = dict[tuple[int, tuple[TaskMark, ...]], tuple[SoftModel, list[LogData]]]()
     for log, model in zip(logs, models, strict=True):
         shared.setdefault((id(model), log.marks), (model, []))[1].append(log)
     figures = {key: _figure(*pair) for key, pair in shared.items()}
@@ -114,7 +116,7 @@ def comparison(
     return Page(" and ".join(robots), shown, (run,))
 
 
-def _figure(model: SoftModel, logs: Sequence[AnyLog]) -> Figure:
+def _figure(model: SoftModel, logs: Sequence[LogData]) -> Figure:
     """A robot with the tasks of the first log, among the obstacles of the first that has any."""
     figure = Figure.of(model, logs[0].marks)
     around = next((found for log in logs if (found := log.surroundings) is not None), None)
@@ -122,7 +124,7 @@ def _figure(model: SoftModel, logs: Sequence[AnyLog]) -> Figure:
 
 
 def track(
-    log: AnyLog, model: SoftModel, figure: int = 0, path: bool = True, rate: float = RATE
+    log: LogData, model: SoftModel, figure: int = 0, path: bool = True, rate: float = RATE
 ) -> Track:
     """A log as a track of at most `rate` frames a second and `MOST` in all."""
     log.source.check(model, "robot")
@@ -152,7 +154,14 @@ def track(
         path=reference_path(log, model) if path else None,
         failed=not log.complete,
         aims=log.kind != ROLLOUT,
+        series=tuple(_series(channel, kept) for channel in own_channels(log)),
     )
+
+
+def _series(channel: LogChannel, kept: np.ndarray) -> Series:
+    """The values of a channel at some samples; a held one keeps its last value."""
+    values = channel.values[np.minimum(kept, max(len(channel.values) - 1, 0))]
+    return Series(channel.titles, values.reshape(len(values), len(channel.titles)))
 
 
 def _kept(t: np.ndarray, y: np.ndarray, rate: float, stride: float) -> np.ndarray:
@@ -166,7 +175,7 @@ def _kept(t: np.ndarray, y: np.ndarray, rate: float, stride: float) -> np.ndarra
     return np.unique(np.concatenate((steady, fast[:MOST])))
 
 
-def reference_path(log: AnyLog, model: SoftModel) -> np.ndarray | None:
+def reference_path(log: LogData, model: SoftModel) -> np.ndarray | None:
     """The reference's path (K, 3): the ellipse of the paper's experiments, else the logged path."""
     if (log.theta, log.omega) != (None, None):
         points = ellipse_points(model)

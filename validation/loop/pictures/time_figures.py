@@ -11,8 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from softdyn.controllers.channels import LogChannel
 from softdyn.validation.loop.experiment import ROLLOUT
-from softdyn.validation.loop.labels import AnyLog, labels_of
+from softdyn.validation.loop.labels import labels_of
+from softdyn.validation.loop.log_data import LogData, own_channels
 from softdyn.validation.loop.metrics import CM, SIGMAS
 from softdyn.validation.loop.pictures import plot_style as look
 from softdyn.validation.loop.verdict import activity
@@ -20,28 +22,37 @@ from softdyn.validation.loop.verdict import activity
 FINEST = 1e-4  # cm; errors below a micrometre are drawn as one
 
 
-def compare(logs: Sequence[AnyLog], labels: Sequence[str]) -> Figure:
+def compare(logs: Sequence[LogData], labels: Sequence[str]) -> Figure:
     """‖e‖ (cm, logarithmic) over time of every run, with every run's inputs below.
 
     Rollouts have the coordinates of the tip instead of ‖e‖. A run that diverged is drawn up to its
     last finite sample. Estimated disturbances with their 95 % intervals are below, a row per unit.
-    Runs among obstacles have the least reserve of their barriers at the bottom.
+    Below them is a row for each channel of a user's own controller or plant that has numbers. Runs
+    among obstacles have the least reserve of their barriers at the bottom.
     """
     estimated = [
         (log, label, unit)
         for log, label in zip(logs, labels, strict=True)
         for unit in dict.fromkeys(unit for _, unit in log.columns("disturbances"))
     ]
+    own = [
+        (log, label, channel)
+        for log, label in zip(logs, labels, strict=True)
+        for channel in own_channels(log)
+        if not channel.text and np.isfinite(channel.values).any()
+    ]
     among = [
         (log, label, log.reserve)
         for log, label in zip(logs, labels, strict=True)
         if log.reserve is not None
     ]
-    rows = 1 + len(logs) + len(estimated) + bool(among)
+    rows = 1 + len(logs) + len(estimated) + len(own) + bool(among)
     figure, grid = look.panels(rows, 1, look.PAGE, 1.5 * rows + 0.3, sharex="col")
     (errors,), *inputs = grid[: 1 + len(logs)]
     for (axes,), shown in zip(grid[1 + len(logs) :], estimated, strict=False):
         draw_disturbances(axes, *shown)
+    for (axes,), one in zip(grid[1 + len(logs) + len(estimated) :], own, strict=False):
+        draw_own(axes, *one)
     if among:
         draw_reserves(grid[-1][0], among)
     (draw_tips if any(log.kind == ROLLOUT for log in logs) else draw_errors)(errors, logs, labels)
@@ -56,7 +67,7 @@ def compare(logs: Sequence[AnyLog], labels: Sequence[str]) -> Figure:
     return figure
 
 
-def draw_errors(axes: Axes, logs: Sequence[AnyLog], labels: Sequence[str]) -> None:
+def draw_errors(axes: Axes, logs: Sequence[LogData], labels: Sequence[str]) -> None:
     """Draw ‖e‖ (cm) of every run on a logarithmic scale."""
     for i, (log, label) in enumerate(zip(logs, labels, strict=True)):
         error = np.maximum(finite_errors(log), FINEST)
@@ -69,7 +80,7 @@ def draw_errors(axes: Axes, logs: Sequence[AnyLog], labels: Sequence[str]) -> No
     axes.legend()
 
 
-def draw_reserves(axes: Axes, runs: Sequence[tuple[AnyLog, str, np.ndarray]]) -> None:
+def draw_reserves(axes: Axes, runs: Sequence[tuple[LogData, str, np.ndarray]]) -> None:
     """Draw the least reserve (mm) of each run among its barriers; below 0 a link is inside."""
     for i, (log, label, reserve) in enumerate(runs):
         least = 1e3 * np.min(reserve, axis=1)[: log.finite_samples]
@@ -80,7 +91,7 @@ def draw_reserves(axes: Axes, runs: Sequence[tuple[AnyLog, str, np.ndarray]]) ->
     axes.set_ylabel("least reserve (mm)")
 
 
-def draw_disturbances(axes: Axes, log: AnyLog, label: str, unit: str) -> None:
+def draw_disturbances(axes: Axes, log: LogData, label: str, unit: str) -> None:
     """Draw the estimated disturbances of one unit, with their 95 % intervals."""
     assert log.disturbances is not None
     assert log.deviations is not None
@@ -101,7 +112,25 @@ def draw_disturbances(axes: Axes, log: AnyLog, label: str, unit: str) -> None:
         axes.legend()
 
 
-def draw_tips(axes: Axes, logs: Sequence[AnyLog], labels: Sequence[str]) -> None:
+def draw_own(axes: Axes, log: LogData, label: str, channel: LogChannel) -> None:
+    """Draw the columns of a channel of a user's own controller or plant."""
+    columns = channel.values.reshape(len(channel.values), -1).T
+    for i, (name, values) in enumerate(zip(channel.titles, columns, strict=True)):
+        shown = np.append(values, values[-1])[: len(log.t)] if channel.held else values
+        kept = np.flatnonzero(np.isfinite(shown))
+        if len(kept):
+            kept = kept[thin(shown[kept], bins=600)]
+        steps = "steps-post" if channel.held else "default"
+        colour = look.INPUTS[i % len(look.INPUTS)]
+        look.line(axes, log.t[kept], shown[kept], colour, label=look.plain(name), drawstyle=steps)
+    units = dict.fromkeys(channel.units)
+    axes.set_ylabel(look.plain(f"{channel.name} ({', '.join(unit or '1' for unit in units) or 1})"))
+    axes.set_title(label, loc="left")
+    if 1 < len(columns) <= len(look.INPUTS):
+        axes.legend()
+
+
+def draw_tips(axes: Axes, logs: Sequence[LogData], labels: Sequence[str]) -> None:
     """Draw the tip's coordinates (cm) of every run, relative to its start."""
     for i, (log, label) in enumerate(zip(logs, labels, strict=True)):
         moved = CM * (log.y - log.y[0])[: log.finite_samples]
@@ -114,7 +143,7 @@ def draw_tips(axes: Axes, logs: Sequence[AnyLog], labels: Sequence[str]) -> None
 
 
 def save_comparison(
-    path: str | Path, logs: Sequence[AnyLog], labels: Sequence[str] | None = None
+    path: str | Path, logs: Sequence[LogData], labels: Sequence[str] | None = None
 ) -> None:
     """Write the figure of `compare`, .png or .pdf; `labels` name the runs."""
     path = look.check_path(path)
@@ -122,7 +151,7 @@ def save_comparison(
         look.write_figure(compare(logs, labels or labels_of(logs)), path, dpi=120)
 
 
-def plot(log: AnyLog, path: str | Path | None = None) -> Figure:
+def plot(log: LogData, path: str | Path | None = None) -> Figure:
     """One run's error and inputs over time; `path` is a .png or .pdf to write as well."""
     if path is not None:
         save_comparison(path, [log])
@@ -130,13 +159,13 @@ def plot(log: AnyLog, path: str | Path | None = None) -> Figure:
         return compare([log], labels_of([log]))
 
 
-def input_activity(log: AnyLog) -> str:
+def input_activity(log: LogData) -> str:
     """Rate of change of a run's inputs, for a title; empty without inputs."""
     changes, *_ = activity(log.t, log.u, log.u_min, log.u_max)
     return "" if changes is None else f", {changes:.3g} of the range/s"
 
 
-def draw_inputs(axes: Axes, log: AnyLog) -> None:
+def draw_inputs(axes: Axes, log: LogData) -> None:
     """Draw every held input u_i of a run, and its bounds."""
     for i in range(log.u.shape[1]):
         held = np.append(log.u[:, i], log.u[-1, i])[: len(log.t)]
@@ -152,7 +181,7 @@ def draw_inputs(axes: Axes, log: AnyLog) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
 
 
-def scale_inputs(axes: Axes, logs: Sequence[AnyLog]) -> None:
+def scale_inputs(axes: Axes, logs: Sequence[LogData]) -> None:
     """Scale the vertical axis to the bounds; logarithmic away from 0 if most inputs are near 0.
 
     Inputs ten times smaller than the bounds would be invisible on a linear axis.
@@ -174,7 +203,7 @@ def scale_inputs(axes: Axes, logs: Sequence[AnyLog]) -> None:
         axes.set_ylim(low - margin, high + margin)
 
 
-def finite_errors(log: AnyLog) -> np.ndarray:
+def finite_errors(log: LogData) -> np.ndarray:
     """‖e‖ (cm) of a log's samples, up to the first that is not finite."""
     return CM * np.linalg.norm(log.error[: log.finite_samples], axis=1)
 

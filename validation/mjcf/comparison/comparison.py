@@ -141,8 +141,7 @@ def compare_neutral(
     found, repaired = find_geometry(left, right)
     turns = _turns(found)
     found += find_parameters(left, repaired, turns, states)
-    if (order := find_order(left, right)) is not None:
-        found.append(order)
+    found += find_order(left, right)
     causes: list[Cause] = []
     steps = [RepairStep("as is", measure.errors(right))]
     robot = right
@@ -155,12 +154,15 @@ def compare_neutral(
             # M contains a tendon's armature
             moves = finding.kind in DYNAMIC or (finding.kind == "tendon" and any_armature)
             effect = measure.effect(before, robot if moves else before) | {"value": finding.size}
+            if finding.force is not None:
+                effect["qdd"] = max(effect["qdd"], measure.pushed(finding.force))
             if max(effect.values()) > NAMED:
                 kinds.append(finding.kind)
+                idle = not finding.acts and effect["qdd"] <= NAMED
                 causes.append(
                     Cause(
                         finding.kind, finding.where, *finding.values, effect, finding.detail,
-                        finding.one_sided, _printed(finding),
+                        finding.alone and idle, _printed(finding), finding.alone,
                     )
                 )  # fmt: skip
         if kinds:
@@ -184,7 +186,7 @@ def _printed(finding: Finding) -> float:
 
 def _rounding(causes: list[Cause]) -> float:
     """`ROUNDING` if there are differences that both files state, and none exceeds it; else 0."""
-    stated = [cause.printed for cause in causes if not cause.one_sided]
+    stated = [cause.printed for cause in causes if not cause.alone]
     return ROUNDING if stated and max(stated) <= ROUNDING else 0.0
 
 
@@ -258,6 +260,10 @@ class _Measure:
         a, b = self._evaluate(before), self._evaluate(after)
         found = self._gaps(a, b) | {"qdd": self._acceleration(a, b)}
         return {name: found[name] for name in (*SHOWN, "qdd")}
+
+    def pushed(self, force: np.ndarray) -> float:
+        """The relative change of q̈ by a generalized force at the states (samples, nv)."""
+        return float(np.linalg.norm(self._forced(force), axis=1).max(initial=0.0)) / self._fall
 
     def worst(self, robot: Neutral) -> tuple[Worst, ...]:
         """For each differing quantity, the state at which it differs most."""

@@ -8,13 +8,20 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from softdyn.validation.mjcf.comparison.dynamics import States, evaluate
+from softdyn.validation.mjcf.comparison.dynamics import (
+    States,
+    Terms,
+    evaluate,
+    random_states,
+)
 from softdyn.validation.mjcf.comparison.finding import (
     LIMITS,
     SAME,
+    CurveGap,
     Finding,
     Turns,
     apart,
+    changes_motion,
     curves,
     differ,
     share,
@@ -23,6 +30,7 @@ from softdyn.validation.mjcf.comparison.finding import (
 )
 from softdyn.validation.mjcf.comparison.matching import plain_name
 from softdyn.validation.mjcf.comparison.neutral import (
+    FREEDOMS,
     Coupling,
     Equality,
     Motor,
@@ -37,22 +45,28 @@ ONLY = "only in one file"
 PLACES = ("its axis", "its side")  # points of a wrapped shape that are no shape themselves
 LAW = ("gaintype", "biastype", "dyntype", "gainprm", "biasprm", "dynprm")  # fields of actuators
 TIMING = ("lag", "delay", "rate")  # fields of `Motor.rig`
+MANY = 256  # states for the shortest and the longest length of a path
 Named = TypeVar("Named", NeutralTendon, Motor)
+Pairs = list[tuple[Any, Any]]
 
 
 def find_drives(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[Finding]:
     """Findings on tendons, actuators and couplings of two robots whose geometry agrees."""
-    yield from _tendons(a, b, turns, states)
-    yield from _motors(a, b, turns)
+    terms = evaluate(a, states), evaluate(b, states)
+    tendons = _paired_tendons(a, b, turns, terms)
+    yield from _tendons(a, b, tendons, turns, states, terms)
+    motors = _paired_motors(a, b, tendons, turns)
+    yield from _motors(a, b, motors, _called(tendons), turns)
+    yield from _order(a, b, motors)
     a, b = _uncoupled(a, b), _uncoupled(b, a)
     yield from _couplings(a, b, turns)
     yield from _equalities(a, b)
 
 
-def _paired(ours: tuple[Named, ...], theirs: tuple[Named, ...]) -> list[tuple[Any, Any]]:
+def _paired(ours: tuple[Named, ...], theirs: tuple[Named, ...]) -> Pairs:
     """Tendons or actuators of the same name, then of like names; None where one has no partner."""
     left = {item.name: item for item in theirs}
-    pairs: list[tuple[Any, Any]] = []
+    pairs: Pairs = []
     for item in ours:
         like = [name for name in left if plain_name(name) == plain_name(item.name)]
         name = item.name if item.name in left else like[0] if len(like) == 1 else None
@@ -63,21 +77,56 @@ def _paired(ours: tuple[Named, ...], theirs: tuple[Named, ...]) -> list[tuple[An
 # -- tendons ---------------------------------------------------------------------------------------
 
 
-def _tendons(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[Finding]:
-    ours, theirs = _lengths(a, states), _lengths(b, states)
+def _paired_tendons(a: Neutral, b: Neutral, turns: Turns, terms: tuple[Terms, Terms]) -> Pairs:
+    """Tendons of like names; those that are left by their lengths, which tell one path or sum."""
+    pairs = _paired(a.cables, b.cables)
+    alone = [other for one, other in pairs if one is None]
+    found: Pairs = []
+    for one, other in pairs:
+        if one is None:
+            continue
+        if other is None:
+            like = [t for t in alone if _length_error(a, b, one, t, turns, terms) <= SAME]
+            if like:
+                other = like[0]
+                alone.remove(other)
+        found.append((one, other))
+    return found + [(None, other) for other in alone]
+
+
+def _length_error(
+    a: Neutral, b: Neutral, one: NeutralTendon, other: NeutralTendon, turns: Turns,
+    terms: tuple[Terms, Terms],
+) -> float:  # fmt: skip
+    """The largest relative difference of two tendons' lengths; 1 for other shapes.
+
+    If a joint has the other sense, both readings of a sum's coefficients count as agreement.
+    """
+    if one.shapes != other.shapes:
+        return 1.0
+    signed = {joint: turns.get(joint, (1.0, 0.0))[0] * c for joint, c in other.terms.items()}
+    same_terms = any(_same_terms(one.terms, sums) for sums in (other.terms, signed))
+    if (one.terms or other.terms) and same_terms and not one.path:
+        return 0.0
+    ours = terms[0].lengths[:, a.cables.index(one)]
+    theirs = terms[1].lengths[:, b.cables.index(other)]
+    return float(np.abs(ours - theirs).max()) / (float(np.abs(ours).max()) or 1.0)
+
+
+def _tendons(
+    a: Neutral, b: Neutral, pairs: Pairs, turns: Turns, states: States, terms: tuple[Terms, Terms]
+) -> Iterator[Finding]:
     urdf = with_urdf(a, b)
-    for one, other in _paired(a.cables, b.cables):
+    for one, other in pairs:
         if one is None or other is None:
             if not (_drives(one, a) or _drives(other, b)):
-                yield _tendon_alone(one, other)
+                robot, item, there = (a, one, terms[0]) if other is None else (b, other, terms[1])
+                yield _tendon_alone(one, other, *_acting(robot, item, states, there))
             continue
-        scale = float(np.abs(ours[one.name]).max()) or 1.0
-        error = float(np.abs(ours[one.name] - theirs[other.name]).max()) / scale
-        signed = {joint: turns.get(joint, (1.0, 0.0))[0] * c for joint, c in other.terms.items()}
-        same_terms = any(_same_terms(one.terms, terms) for terms in (other.terms, signed))
+        lengths = terms[0].lengths[:, a.cables.index(one)]
+        arms = terms[0].arms[:, a.cables.index(one)]
+        error = _length_error(a, b, one, other, turns, terms)
         around = one.shapes != other.shapes
-        if (one.terms or other.terms) and same_terms and not one.path:
-            error = 0.0
         if error > SAME or around:
             yield Finding(
                 "tendon", one.name, _path_values(one, other),
@@ -91,14 +140,15 @@ def _tendons(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[F
                 _with_tendon(other.name, armature=one.armature), size,
                 urdf or not (one.armature and other.armature),
             )  # fmt: skip
-        reach = _stretch(one, ours[one.name])
+        reach = _stretch(one, lengths)
         for gap in curves(one, other, reach, _units(one, a), urdf=urdf):
             repair = _with_tendon(
                 other.name, **{n: getattr(one, n) for n in (gap.name, f"{gap.name}_curve")}
             )
             detail = ": ".join(filter(None, (gap.name, gap.words)))
             yield Finding(
-                "tendon", one.name, gap.values, detail, repair, gap.size, gap.one_sided
+                "tendon", one.name, gap.values, detail, repair, gap.size, gap.alone,
+                force=_pulling(one, gap, lengths, arms, states),
             )  # fmt: skip
         sprung = all(t.stiffness or any(t.stiffness_curve) for t in (one, other))
         away = max(abs(p - q) for p, q in zip(one.rest, other.rest, strict=True))
@@ -116,18 +166,80 @@ def _tendons(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[F
         if one.friction != other.friction:
             repair = _with_tendon(other.name, friction=one.friction)
             rubs = one.friction[0], other.friction[0]
-            yield Finding("friction", one.name, rubs, "of the cable", repair, 1.0, not all(rubs))
+            yield Finding(
+                "friction", one.name, rubs, "of the cable", repair, 1.0, not all(rubs),
+                acts=any(rubs),
+            )  # fmt: skip
         for field, values, size in told_apart(one.more, other.more, urdf=urdf):
             repair = _with_tendon(other.name, more=one.more)
-            yield Finding("tendon", one.name, values, field, repair, size, urdf)
+            acts = any(
+                _field_acts(robot, tendon, field)
+                for robot, tendon in ((a, one), (b, other))
+                if field in tendon.more
+            )
+            yield Finding("tendon", one.name, values, field, repair, size, urdf, acts=acts)
 
 
-def _lengths(robot: Neutral, states: States) -> dict[str, np.ndarray]:
-    """Length (samples,) of every tendon."""
-    if not robot.cables:
-        return {}
-    rows = evaluate(robot, states).lengths.T
-    return {cable.name: row for cable, row in zip(robot.cables, rows, strict=True)}
+def _acting(
+    robot: Neutral, tendon: NeutralTendon, states: States, terms: Terms
+) -> tuple[np.ndarray, bool]:
+    """Force at the states of a tendon's spring and damper, and whether it acts in another way."""
+    index = robot.cables.index(tendon)
+    lengths, arms = terms.lengths[:, index], terms.arms[:, index]
+    bare = replace(tendon, stiffness=0.0, damping=0.0, stiffness_curve=(0.0, 0.0),
+                   damping_curve=(0.0, 0.0))  # fmt: skip
+    gaps = curves(tendon, bare, _stretch(tendon, lengths), ("", ""), urdf=False)
+    force = sum((_pulling(tendon, gap, lengths, arms, states) for gap in gaps), 0.0 * states.v)
+    acts = tendon.friction[0] > 0 or any(_field_acts(robot, tendon, f) for f in tendon.more)
+    return force, acts
+
+
+def _pulling(
+    tendon: NeutralTendon, gap: CurveGap, lengths: np.ndarray, arms: np.ndarray, states: States
+) -> np.ndarray:
+    """Generalized force (samples, nv) of a spring outside the rest lengths, or of a damper."""
+    low, high = tendon.rest
+    stretch = np.maximum(lengths - high, 0.0) + np.minimum(lengths - low, 0.0)
+    speed = np.einsum("sj,sj->s", arms, states.v)
+    at = speed if gap.name == "damping" else stretch
+    return np.asarray(gap.acting(at)[:, None] * arms)
+
+
+def _field_acts(robot: Neutral, tendon: NeutralTendon, field: str) -> bool:
+    """Whether a field of a tendon changes the motion: a range if it is reached."""
+    if field in ("tendon_range", "tendon_margin"):
+        return _reaches(robot, tendon)
+    if field == "tendon_actfrcrange":
+        pulls = sum(_strength(m) for m in robot.motors if m.target == f"tendon:{tendon.name}")
+        return pulls > min(map(abs, tendon.more[field])) * (1 + SAME)
+    return changes_motion(field)
+
+
+def _reaches(robot: Neutral, tendon: NeutralTendon) -> bool:
+    """Whether a tendon reaches its range's ends within the joints' limits.
+
+    The lengths of sums are exact, those of paths are sampled. Lengths around shapes are not known
+    here, so such a range counts as reached.
+    """
+    if "tendon_range" not in tendon.more:
+        return False
+    if tendon.shapes:
+        return True
+    (margin,) = tendon.more.get("tendon_margin", (0.0,))
+    low, high = tendon.more["tendon_range"]
+    if tendon.terms:
+        part = {part.name: part for part in robot.parts}
+        ends = [
+            sorted((c * part[joint].lower, c * part[joint].upper))
+            for joint, c in tendon.terms.items()
+            if c
+        ]
+        shortest, longest = sum(end[0] for end in ends), sum(end[1] for end in ends)
+    else:
+        index = robot.cables.index(tendon)
+        lengths = evaluate(robot, random_states(robot, MANY, 0)).lengths[:, index]
+        shortest, longest = float(lengths.min()), float(lengths.max())
+    return shortest < low + margin or longest > high - margin
 
 
 def _terms_apart(ours: dict[str, float], theirs: dict[str, float]) -> float | None:
@@ -174,7 +286,9 @@ def _with_tendon(name: str, **values: Any) -> Callable[[Neutral], Neutral]:
     return repair
 
 
-def _tendon_alone(one: NeutralTendon | None, other: NeutralTendon | None) -> Finding:
+def _tendon_alone(
+    one: NeutralTendon | None, other: NeutralTendon | None, force: np.ndarray, acts: bool
+) -> Finding:
     """Finding on a tendon that one file does not have."""
 
     def repair(robot: Neutral) -> Neutral:
@@ -184,7 +298,9 @@ def _tendon_alone(one: NeutralTendon | None, other: NeutralTendon | None) -> Fin
     item = one if one is not None else other
     assert item is not None
     ours, theirs = (None if t is None else _tendon_words(t) for t in (one, other))
-    return Finding("tendon", item.name, (ours, theirs), ONLY, repair, 1.0, True)
+    return Finding(
+        "tendon", item.name, (ours, theirs), ONLY, repair, 1.0, True, force=force, acts=acts
+    )
 
 
 def _tendon_words(tendon: NeutralTendon) -> str:
@@ -246,24 +362,111 @@ def _points_words(ours: tuple[Point, ...], theirs: tuple[Point, ...]) -> str:
 # -- actuators -------------------------------------------------------------------------------------
 
 
-def _motors(a: Neutral, b: Neutral, turns: Turns) -> Iterator[Finding]:
+def _called(tendons: Pairs) -> dict[str, str]:
+    """A's names of B's tendons."""
+    return {other.name: one.name for one, other in tendons if one is not None and other is not None}
+
+
+def _paired_motors(a: Neutral, b: Neutral, tendons: Pairs, turns: Turns) -> Pairs:
+    """Actuators by their targets, and by names where several have one; then by names alone."""
+    called = _called(tendons)
+
+    def target(motor: Motor, robot: Neutral) -> str:
+        word, _, name = _on_joint(motor, robot).target.partition(":")
+        return f"{word}:{plain_name(called.get(name, name) if robot is b else name)}"
+
+    def unlike(one: Motor, other: Motor) -> tuple[bool, bool, float]:
+        _, _, joint = one.target.partition("joint:")
+        gear = turns.get(joint, (1.0, 0.0))[0] * other.gear
+        names = plain_name(one.name) != plain_name(other.name)
+        return one.name != other.name, names, min(differ(one.gear, gear), 2.0)
+
+    ends = {id(m): target(m, robot) for robot in (a, b) for m in robot.motors}
+    left, found = list(b.motors), {}
+    for named in (True, False):  # a name first, so that it is not taken by another of its target
+        for one in (m for m in a.motors if id(m) not in found):
+            like = [m for m in left if ends[id(m)] == ends[id(one)]]
+            like = [m for m in like if not named or not unlike(one, m)[1]]
+            if like:
+                found[id(one)] = min(like, key=lambda m: unlike(one, m))
+                left.remove(found[id(one)])
+    rest = _paired(tuple(m for m in a.motors if id(m) not in found), tuple(left))
+    by_name = {id(one): other for one, other in rest if one is not None}
+    pairs = [(one, found.get(id(one), by_name.get(id(one)))) for one in a.motors]
+    return pairs + [pair for pair in rest if pair[0] is None]
+
+
+def _order(a: Neutral, b: Neutral, pairs: Pairs) -> Iterator[Finding]:
+    """Finding on the order of the actuators that both files have, and so of the inputs."""
+    both = [(one, other) for one, other in pairs if one is not None and other is not None]
+    numbers = [b.motors.index(other) for _, other in both]
+    if numbers != sorted(numbers):
+        names = [one.name for one, _ in both]
+        others = [b.motors[k].name for k in sorted(numbers)]
+        yield Finding(
+            "order", both[0][0].name, (names, others), "actuators in another order",
+            lambda robot: robot, 1.0, a.format != b.format,
+        )  # fmt: skip
+
+
+def _strength(motor: Motor) -> float:
+    """The largest force on the target, in N or N m; infinite for an unknown law."""
+    if motor.law and "actuator_forcerange" in motor.more:
+        return abs(motor.gear) * max(map(abs, motor.more["actuator_forcerange"]))
+    if motor.law:
+        return np.inf
+    return abs(motor.gear) * max(abs(motor.lower), abs(motor.upper)) if motor.gear else 0.0
+
+
+def largest_force(robot: Neutral, k: int, states: States) -> float:
+    """The largest force of all actuators on a part's joint at some states (N, N m)."""
+    part = robot.parts[k]
+    direct = (m for m in robot.motors if m.end == ("joint", part.name))
+    total = sum(_strength(motor) for motor in direct)
+    pulls = {c.name: [m for m in robot.motors if m.target == f"tendon:{c.name}"]
+             for c in robot.cables}  # fmt: skip
+    if any(pulls.values()):
+        arms = np.abs(evaluate(robot, states).arms).max(axis=0)
+        first = sum(FREEDOMS[part.kind] for part in robot.parts[:k])
+        for cable, row in zip(robot.cables, arms[:, first : first + FREEDOMS[part.kind]],
+                              strict=True):  # fmt: skip
+            for motor in pulls[cable.name] if row.any() else ():
+                total += _strength(motor) * float(row.max())
+    return total
+
+
+def _pulls_at_rest(motor: Motor) -> bool:
+    """Whether an actuator makes a force without an input: a servo does, a motor does not."""
+    return "command" in motor.rig or "actuator_biastype" in motor.more
+
+
+def _motors(
+    a: Neutral, b: Neutral, pairs: Pairs, called: dict[str, str], turns: Turns
+) -> Iterator[Finding]:
     urdf = with_urdf(a, b)
-    for one, other in _paired(a.motors, b.motors):
+    for one, other in pairs:
         if one is None or other is None:
             item = other if one is None else one
             ours, theirs = (None if m is None else _motor_words(m) for m in (one, other))
             yield Finding(
-                "actuator", item.name, (ours, theirs), ONLY, lambda robot: robot, 1.0, True
-            )
+                "actuator", item.name, (ours, theirs), ONLY, lambda robot: robot, 1.0, True,
+                acts=_pulls_at_rest(item),
+            )  # fmt: skip
             continue
-        first, second = one, other
-        if plain_name(one.target) != plain_name(other.target):
+        word, _, name = other.target.partition("tendon:")
+        first, second = (
+            one,
+            other if word else replace(other, target=f"tendon:{called.get(name, name)}"),
+        )
+        if plain_name(one.target) != plain_name(second.target):
             first, second = _on_joint(one, a), _on_joint(other, b)
         alone = _of_one_format(one, other) if a.format != b.format else ()
         for name in alone:
             p, q = (motor.rig.get(name) for motor in (first, second))
             if p != q:
-                yield Finding("actuator", one.name, (p, q), name, lambda robot: robot, 1.0, True)
+                yield Finding(
+                    "actuator", one.name, (p, q), name, lambda robot: robot, 1.0, True, acts=True
+                )
         found = _motor_differences(first, second, turns, urdf)
         found += _rig_differences(first, second, alone)
         if found:
@@ -390,7 +593,7 @@ def _couplings(a: Neutral, b: Neutral, turns: Turns) -> Iterator[Finding]:
         if one is None or other is None:
             yield Finding(
                 "coupling", " and ".join(pair), (first, second), ONLY, lambda robot: robot, 1.0,
-                True,
+                True, acts=True,
             )  # fmt: skip
             continue
         solved = other
@@ -405,7 +608,10 @@ def _couplings(a: Neutral, b: Neutral, turns: Turns) -> Iterator[Finding]:
                 size,
             )  # fmt: skip
         for field, values, away in told_apart(one.more, other.more, urdf=urdf):
-            yield Finding("coupling", one.joint, values, field, lambda robot: robot, away, urdf)
+            yield Finding(
+                "coupling", one.joint, values, field, lambda robot: robot, away, urdf,
+                acts=changes_motion(field),
+            )  # fmt: skip
 
 
 def _readings(tie: Coupling, turns: Turns) -> Iterator[Coupling]:
@@ -436,8 +642,9 @@ def _equalities(a: Neutral, b: Neutral) -> Iterator[Finding]:
         if one is None or other is None:
             values = tuple(None if tie is None else tie.kind for tie in (one, other))
             yield Finding(
-                "coupling", where, (values[0], values[1]), ONLY, lambda robot: robot, 1.0, True
-            )
+                "coupling", where, (values[0], values[1]), ONLY, lambda robot: robot, 1.0, True,
+                acts=True,
+            )  # fmt: skip
             continue
         found = {"": one.data, **one.more}, {"": other.data, **other.more}
         for field, values, size in told_apart(*found, urdf=False):

@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from softdyn.description.inertia import Inertia
 from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, WORLD, Neutral
-from softdyn.validation.twin.settings import Integrator, Settings, silence
+from softdyn.validation.twin.integrators import Integrator
+from softdyn.validation.twin.settings import Settings, silence
 
 QUANTITIES = ("M", "bias", "g", "J")
 PLAIN = Settings(1e-3, Integrator.EULER, limits=False, contacts=False, friction=False)
@@ -54,6 +55,8 @@ class Terms:
         Link origins of the parts that carry no other.
     lengths : np.ndarray, (samples, cables)
         Lengths of the tendons; a wrapped shape counts as a point.
+    arms : np.ndarray, (samples, cables, nv)
+        Their derivatives by the coordinates.
     """
 
     M: np.ndarray
@@ -62,6 +65,7 @@ class Terms:
     J: np.ndarray
     tips: np.ndarray
     lengths: np.ndarray
+    arms: np.ndarray
 
 
 def random_states(robot: Neutral, samples: int, seed: int) -> States:
@@ -218,7 +222,7 @@ def _measure(
             block[-3:, -3:] = own.T
         turn[at : at + free, first : first + free] = block
         first += free
-    rows: list[list[np.ndarray]] = [[] for _ in range(6)]
+    rows: list[list[np.ndarray]] = [[] for _ in range(7)]
     M, jacobian = np.empty((model.nv, model.nv)), np.empty((3, model.nv))
     for k, v in enumerate(states.v):
         for part, joint, own, q in zip(robot.parts, joints, axes, states.q, strict=True):
@@ -239,7 +243,12 @@ def _measure(
         for row, body in zip(ways, tips, strict=True):
             mujoco.mj_jacBody(model, data, jacobian, None, body)
             row[:] = jacobian @ turn
-        found = (turn.T @ M @ turn, *forces, ways, data.xpos[tips], data.ten_length.copy())
+        arms = np.zeros((model.ntendon, model.nv))
+        sparse = model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind
+        if model.ntendon:
+            mujoco.mju_sparse2dense(arms, data.ten_J, *sparse)
+        tips_at, lengths = data.xpos[tips], data.ten_length.copy()
+        found = (turn.T @ M @ turn, *forces, ways, tips_at, lengths, arms @ turn)
         for row, value in zip(rows, found, strict=True):
             row.append(value)
     return Terms(*map(np.array, rows))

@@ -21,12 +21,18 @@ from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF
 KINDS = (
     "base", "pose", "zero", "axis", "mass", "centre", "inertia", "armature", "order", "frame",
     "gravity", "damping", "friction", "stiffness", "rest", "limit", "effort", "tendon",
-    "actuator", "coupling", "feature",
+    "actuator", "coupling", "fluid", "feature",
 )  # fmt: skip
 SAME = 1e-6  # relative
 SPEED = 1.0  # rad/s, m/s: dampers are compared up to here
 GRID = np.array([1.0, -1.0, 0.75, -0.75, 0.5, -0.5, 0.25, -0.25])  # shares of a reach
 LIMITS = 1e-4  # rad, m: limits are rounded in most files
+# how soft a constraint is, which a URDF's rigid ones do not state; how exactly it is solved
+SOFTNESS = ("_solref", "_solimp")
+ACCURACY = (
+    "opt.noslip_iterations", "opt.sleep_tolerance", "tree_sleep_policy", "mjENBL_SLEEP",
+    "mjENBL_DIAGEXACT", "mjDSBL_REFSAFE", "actuator_ctrlspec", "actuator_lengthrange",
+)  # fmt: skip
 Turns = dict[str, tuple[float, float]]  # joint → sense and zero, q_A = sense · q_B + zero
 
 
@@ -48,11 +54,16 @@ class Finding:
         Makes B's robot agree with A here, after the repairs of all earlier findings.
     size : float
         Relative difference of the values, for kinds that affect neither M nor g nor the tip.
-    one_sided : bool
+    alone : bool
         Whether only one file, or only its format, states it.
     printed : float or None
         Relative difference of the numbers as files print them: lengths relative to the part's
         extent, angles to 1 rad. None if it is `size`.
+    force : np.ndarray or None, (samples, nv)
+        The generalized force at the sampled states, if only one file states it.
+    acts : bool
+        Whether what only one file states changes the motion by something else than a force at the
+        sampled states: a stop, a constraint, dry friction of a cable, dynamics of an actuator.
     """
 
     kind: str
@@ -61,8 +72,10 @@ class Finding:
     detail: str
     repair: Repair = field(repr=False)
     size: float = 0.0
-    one_sided: bool = False
+    alone: bool = False
     printed: float | None = None
+    force: np.ndarray | None = field(default=None, repr=False)
+    acts: bool = False
 
 
 def with_urdf(a: Neutral, b: Neutral) -> bool:
@@ -116,6 +129,11 @@ def beyond_urdf(fields: dict[str, Numbers]) -> dict[str, Numbers]:
     }
 
 
+def changes_motion(field: str) -> bool:
+    """Whether a field of MuJoCo's that is not at its default changes the motion by itself."""
+    return field not in ACCURACY and not any(word in field for word in SOFTNESS)
+
+
 def shown(values: Numbers | None) -> Any:
     """A single number as a number, several as a list, None as None."""
     return values if values is None else values[0] if len(values) == 1 else list(values)
@@ -135,7 +153,7 @@ class CurveGap:
         Largest difference of the forces, relative to the largest force.
     words : str
         The forces where they differ most; empty if both are linear.
-    one_sided : bool
+    alone : bool
         Whether only one file states the force.
     """
 
@@ -143,7 +161,13 @@ class CurveGap:
     values: tuple[Any, Any]
     size: float
     words: str
-    one_sided: bool
+    alone: bool
+
+    def acting(self, x: np.ndarray) -> np.ndarray:
+        """The force of the file that alone states one, at displacements or speeds `x`."""
+        rows = (np.resize((*np.atleast_1d(value), 0.0, 0.0), 3) for value in self.values)
+        stated = max(rows, key=lambda row: float(np.abs(row).max()))
+        return np.asarray(force(self.name, tuple(stated), x))
 
 
 def curves(
@@ -158,7 +182,7 @@ def curves(
     """Differing springs and dampers, compared by their forces.
 
     If a joint has the other sense, the even power of a spring's force changes its sign. Both
-    readings count as agreement. Between two MJCFs, a force of higher powers is never one-sided.
+    readings count as agreement. Between two MJCFs, a force of higher powers is stated by both.
 
     Parameters
     ----------

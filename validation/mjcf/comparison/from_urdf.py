@@ -35,7 +35,7 @@ from softdyn.validation.mjcf.comparison.neutral import (
 )
 from softdyn.validation.mjcf.compiled_rig import NeutralSensor
 from softdyn.validation.mjcf.transform import Transform
-from softdyn.validation.twin.drives import frame_name
+from softdyn.validation.twin.drives import sensor_frames
 
 FREE = "floating base"
 SENSED = ("rate", "latency", "noise", "bias", "resolution")
@@ -129,9 +129,9 @@ def from_urdf(robot: Robot) -> Neutral:
         sensors[sensor.name] = NeutralSensor(
             sensor.kind.value, "" if sensor.link else target, errors
         )
-        if sensor.link:
-            place = Transform(sensor.origin.rotation, sensor.origin.translation)
-            frames[frame_name(sensor)] = Frame(on(sensor.link), placed[sensor.link] @ place)
+        for name, (body, origin) in sensor_frames(sensor).items():
+            place = Transform(origin.rotation, origin.translation)
+            frames[name] = Frame(on(body), placed[body] @ place)
     return Neutral(
         robot.path, "urdf", tuple(parts), frames, tuple(cables), motors, couplings, orders=orders,
         sensors=sensors,

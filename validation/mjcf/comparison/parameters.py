@@ -1,7 +1,9 @@
 """Causes other than geometry: armature, damping, friction, springs, limits, gravity, frames.
 
-A value that is zero in one file only is one-sided, and so is a value that a URDF cannot state.
-Between two MJCFs, both state all of MuJoCo's fields, because a missing field has its default. If a
+A value that is zero in one file only is stated by the other file alone, and so is a value that a
+URDF cannot state. Such a finding has the force that it makes, or says that it acts; a repair shows
+what armature and gravity do. Between two MJCFs, both state all of MuJoCo's fields, because a
+missing field has its default. If a
 joint's sense or zero differs, its limits, rest or coefficients may refer to either one: both
 readings count as agreement.
 """
@@ -16,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from softdyn.validation.mjcf.comparison.bodies import vector
-from softdyn.validation.mjcf.comparison.drives import find_drives
+from softdyn.validation.mjcf.comparison.drives import find_drives, largest_force
 from softdyn.validation.mjcf.comparison.dynamics import States
 from softdyn.validation.mjcf.comparison.finding import (
     LIMITS,
@@ -24,6 +26,7 @@ from softdyn.validation.mjcf.comparison.finding import (
     Finding,
     Turns,
     apart,
+    changes_motion,
     curves,
     differ,
     share,
@@ -31,14 +34,42 @@ from softdyn.validation.mjcf.comparison.finding import (
     with_urdf,
 )
 from softdyn.validation.mjcf.comparison.matching import plain_name
-from softdyn.validation.mjcf.comparison.neutral import Neutral, Part
+from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, Neutral, NeutralTendon, Part
 
 NOTHING = 1e-12  # m
 REST = 1e-6  # rad, m
+# Farthest stops that act (rad, m), a turn each way; files that must state some write 9 or 1e4 rad.
+TURN, TRAVEL = 6.3, 10.0
 # Kinds of MuJoCo's joint fields; all other fields have the kind "feature".
+FLUID = ("opt.density", "opt.viscosity", "opt.wind", "geom_")
 KIND_OF = {
     "jnt_solref": "limit", "jnt_solimp": "limit", "jnt_margin": "limit", "qpos_spring": "rest",
     "jnt_actfrcrange": "effort", "dof_solref": "friction", "dof_solimp": "friction",
+}  # fmt: skip
+
+
+def _items(robot: Neutral) -> tuple[Part | NeutralTendon, ...]:
+    return (*robot.parts, *robot.cables)
+
+
+# What a flag switches off or on; any other flag or option acts on every robot.
+SWITCHED: dict[str, Callable[[Neutral], bool]] = {
+    "mjDSBL_SPRING": lambda robot: any(map(_springs, _items(robot))),
+    "mjDSBL_DAMPER": lambda robot: any(
+        item.damping or any(item.damping_curve) for item in _items(robot)
+    ),
+    "mjDSBL_FRICTIONLOSS": lambda robot: (
+        any(part.friction for part in robot.parts)
+        or any("tendon_frictionloss" in cable.more for cable in robot.cables)
+    ),
+    "mjDSBL_LIMIT": lambda robot: (
+        any(map(_stops, robot.parts)) or any("tendon_range" in cable.more for cable in robot.cables)
+    ),
+    "mjDSBL_EQUALITY": lambda robot: bool(robot.couplings or robot.equalities),
+    "mjDSBL_ACTUATION": lambda robot: bool(robot.motors),
+    "mjDSBL_CLAMPCTRL": lambda robot: any(
+        math.isfinite(end) for motor in robot.motors for end in (motor.lower, motor.upper)
+    ),
 }  # fmt: skip
 
 
@@ -47,37 +78,71 @@ def find_parameters(a: Neutral, b: Neutral, turns: Turns, states: States) -> Ite
     urdf = with_urdf(a, b)
     followers = {coupling.joint for robot in (a, b) for coupling in robot.couplings}
     for k, part in enumerate(a.parts):
-        found = _joint(a, b, k, turns.get(part.name, (1.0, 0.0)))
+        found = _joint(a, b, k, turns.get(part.name, (1.0, 0.0)), states)
         # a mimic joint follows its leader, so its own limits are not used
         yield from (f for f in found if f.kind != "limit" or part.name not in followers)
     yield from _gravity(a, b)
     yield from _frames(a, b)
     for field, values, size in told_apart(a.features, b.features, urdf=urdf):
-        yield Finding("feature", field, values, "", lambda robot: robot, size, with_urdf(a, b))
+        kind = "fluid" if field.startswith(FLUID) else "feature"
+        yield Finding(
+            kind, field, values, "", lambda robot: robot, size, urdf, acts=_acts(field, a, b)
+        )
     yield from find_drives(a, b, turns, states)
     yield from _sensors(a, b)
+
+
+def _acts(field: str, a: Neutral, b: Neutral) -> bool:
+    """Whether an option, a flag or a field of a geom or body changes the motion of the robots."""
+    if field == "mjDSBL_CONSTRAINT":
+        names = ("mjDSBL_FRICTIONLOSS", "mjDSBL_LIMIT", "mjDSBL_EQUALITY")
+        return any(_acts(name, a, b) for name in names)
+    switched = SWITCHED.get(field, lambda robot: changes_motion(field))
+    return any(map(switched, (a, b)))
+
+
+def _stops(part: Part) -> bool:
+    far = TRAVEL if part.kind == "slide" else TURN
+    return any(abs(end) <= far for end in (part.lower, part.upper))
 
 
 def _set(k: int, **values: Any) -> Callable[[Neutral], Neutral]:
     return lambda robot: robot.with_part(k, replace(robot.parts[k], **values))
 
 
-def _joint(a: Neutral, b: Neutral, k: int, turn: tuple[float, float]) -> Iterator[Finding]:
+def _joint(
+    a: Neutral, b: Neutral, k: int, turn: tuple[float, float], states: States
+) -> Iterator[Finding]:
     one, other = a.parts[k], b.parts[k]
     sense, zero = turn
+    first = sum(FREEDOMS[part.kind] for part in a.parts[:k])
+    own = slice(first, first + FREEDOMS[one.kind])
+
+    def on_joint(values: Any) -> np.ndarray:
+        force = np.zeros_like(states.v)
+        force[:, own] = values
+        return force
+
     for name in ("armature", "friction"):
         p, q = getattr(one, name), getattr(other, name)
         # M contains the armature, so that a difference of rounding is repaired, too
         if (size := differ(p, q)) > (0.0 if name == "armature" else SAME):
             detail = f"{100 * (q / p - 1):+.3g} %" if p and q else "none in one file"
-            yield Finding(name, one.name, (p, q), detail, _set(k, **{name: p}), size, not (p and q))
+            yield Finding(
+                name, one.name, (p, q), detail, _set(k, **{name: p}), size, not (p and q),
+                force=on_joint(max(p, q)) if name == "friction" else None,
+            )  # fmt: skip
     units = ("N", "m") if one.kind == "slide" else ("N m", "rad")
     for gap in curves(one, other, _reach(one), units, urdf=with_urdf(a, b), sense=sense):
         detail = gap.words or "none in one file"
-        if not gap.words and not gap.one_sided:
+        if not gap.words and not gap.alone:
             detail = f"{100 * (gap.values[1] / gap.values[0] - 1):+.3g} %"
         repair = _set(k, **{n: getattr(one, n) for n in (gap.name, f"{gap.name}_curve")})
-        yield Finding(gap.name, one.name, gap.values, detail, repair, gap.size, gap.one_sided)
+        at = states.v[:, own] if gap.name == "damping" else _displacement(one, states.q[k])
+        yield Finding(
+            gap.name, one.name, gap.values, detail, repair, gap.size, gap.alone,
+            force=on_joint(gap.acting(at)),
+        )  # fmt: skip
     rests = other.rest, sense * other.rest, sense * other.rest + zero
     poses = (part.more.get("qpos_spring", (0.0,)) for part in (one, other))  # of free bodies
     away = max(min(abs(one.rest - rest) for rest in rests), apart(*poses))
@@ -93,17 +158,24 @@ def _joint(a: Neutral, b: Neutral, k: int, turn: tuple[float, float]) -> Iterato
         size = max(differ(p, q) for p, q in zip(span, others, strict=True))
         yield Finding(
             "limit", one.name, values, "", _set(k, lower=one.lower, upper=one.upper), size,
-            None in values,
+            None in values, acts=_stops(one) or _stops(other),
         )  # fmt: skip
-    yield from _effort(a, b, k)
+    yield from _effort(a, b, k, states)
     for field, values, size in told_apart(one.more, other.more, urdf=with_urdf(a, b)):
         kind = KIND_OF.get(field, "feature")
         if kind not in ("effort", "rest"):  # which are already found
             where = one.name if kind != "feature" else f"{field} of {one.name}"
             detail = field if kind != "feature" else ""
             yield Finding(
-                kind, where, values, detail, _set(k, more=one.more), size, with_urdf(a, b)
-            )
+                kind, where, values, detail, _set(k, more=one.more), size, with_urdf(a, b),
+                acts=changes_motion(field),
+            )  # fmt: skip
+
+
+def _displacement(part: Part, q: np.ndarray) -> np.ndarray:
+    """Displacements from the spring's rest (samples, freedoms); MuJoCo's `qpos_spring` of a ball
+    or a free body counts as zero."""
+    return q - part.rest
 
 
 def _reach(part: Part) -> float:
@@ -112,17 +184,25 @@ def _reach(part: Part) -> float:
     return min(far, math.pi if part.kind == "hinge" else 1.0) or 1.0
 
 
-def _springs(part: Part) -> bool:
+def _springs(part: Part | NeutralTendon) -> bool:
     return bool(part.stiffness) or any(part.stiffness_curve)
 
 
-def _effort(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
-    """Finding on the largest force; between two MJCFs also on the range of all actuators' sum."""
+def _effort(a: Neutral, b: Neutral, k: int, states: States) -> Iterator[Finding]:
+    """Finding on the largest force; between two MJCFs also on the range of all actuators' sum.
+
+    MuJoCo clamps to a joint's range. A URDF's effort is a property of the motor, which nothing here
+    applies, so one that only a URDF states does not act.
+    """
     one, other = a.parts[k], b.parts[k]
+    spans = ((r, s) for r, p in ((a, one), (b, other)) if (s := p.more.get("jnt_actfrcrange")))
+    acts = any(
+        largest_force(robot, k, states) > min(map(abs, span)) * (1 + SAME) for robot, span in spans
+    )
     if (size := differ(one.effort, other.effort)) > SAME:
         values = _finite(one.effort), _finite(other.effort)
         repair = _set(k, effort=one.effort)
-        yield Finding("effort", one.name, values, "", repair, size, None in values)
+        yield Finding("effort", one.name, values, "", repair, size, None in values, acts=acts)
         return
     ours, theirs = (
         {"": s} if (s := part.more.get("jnt_actfrcrange")) else {} for part in (one, other)
@@ -132,8 +212,9 @@ def _effort(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
         for _, span, size in told_apart(ours, theirs, urdf=with_urdf(a, b)):
             repair = _set(k, more=one.more)
             yield Finding(
-                "effort", one.name, span, "of all actuators", repair, size, with_urdf(a, b)
-            )
+                "effort", one.name, span, "of all actuators", repair, size, with_urdf(a, b),
+                acts=acts,
+            )  # fmt: skip
 
 
 def _near(value: float, other: float) -> bool:
@@ -155,6 +236,7 @@ def _gravity(a: Neutral, b: Neutral) -> Iterator[Finding]:
         yield Finding(
             "gravity", "world", (vector(a.gravity), vector(b.gravity)), "",
             lambda robot: replace(robot, gravity=a.gravity), gap / 9.81, with_urdf(a, b),
+            acts=gap / 9.81 > SAME,  # on a load, too, where the robot's own joints do not feel it
         )  # fmt: skip
     for k, (one, other) in enumerate(zip(a.parts, b.parts, strict=True)):
         ours, theirs = one.uplift, other.uplift
@@ -224,23 +306,23 @@ def _replaced_frame(label: str, frame: Any) -> Callable[[Neutral], Neutral]:
     return lambda robot: replace(robot, frames=robot.frames | {label: frame})
 
 
-def find_order(a: Neutral, b: Neutral) -> Finding | None:
-    """Whether the common joints have different orders, for every order in which A may be read.
+def find_order(a: Neutral, b: Neutral) -> Iterator[Finding]:
+    """Findings on the common joints in different orders, for every order in which A may be read.
 
     A URDF states no order: engines read it in the file's order, along the tree, or by name.
     """
     if not (a.orders and b.orders):
-        return None
+        return
     common = {name for name in a.orders[0] if name in b.orders[0]}
     ours, theirs = (
         [tuple(name for name in order if name in common) for order in robot.orders]
         for robot in (a, b)
     )
     if len(common) < 2 or set(ours) & set(theirs):
-        return None
+        return
     names, others = ours[0], theirs[0]
     first = next(p for p, q in zip(names, others, strict=True) if p != q)
-    return Finding(
+    yield Finding(
         "order", first, (list(names), list(others)), "joints in another order", lambda robot: robot,
         1.0, a.format != b.format,
     )  # fmt: skip

@@ -33,6 +33,8 @@ class Cause:
     detail : str
         The difference in words.
     one_sided : bool
+        Whether only one file, or only its format, states it, and the motion does not depend on it.
+    alone : bool
         Whether only one file, or only its format, states it.
     printed : float
         Relative difference of the values as files print them; see `compare`'s tolerance. Infinite
@@ -47,6 +49,7 @@ class Cause:
     detail: str
     one_sided: bool
     printed: float = math.inf
+    alone: bool = False
 
     @property
     def weight(self) -> float:
@@ -144,9 +147,11 @@ class Comparison:
 
     @property
     def passed(self) -> bool:
-        """Whether the files agree: only one-sided causes; with `strict`, no causes at all.
+        """Whether the files agree: no cause changes the motion, or what both files state.
 
-        With `strict`, both files must also have all joints, and the same parts left out.
+        One-sided causes count with `strict` only.
+
+        Then both files must also have all joints, and the same parts left out.
         """
         failing = [cause for cause in self.causes if self.strict or not cause.one_sided]
         partial = self.strict and (any(self.unmatched.values()) or not self.same_notes)
@@ -216,7 +221,10 @@ class Comparison:
             if names:
                 head += f"\nonly in {side.upper()}: {', '.join(names)}"
         parts = [head]
-        for one_sided, title in ((False, "causes"), (True, "stated by one file only")):
+        for one_sided, title in (
+            (False, "causes"),
+            (True, "stated by one file only, without effect on the motion"),
+        ):
             causes = [cause for cause in self.causes if cause.one_sided == one_sided]
             rows = _grouped(causes) if one_sided else [_row(cause) for cause in causes]
             if rows:

@@ -21,19 +21,27 @@ from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.metrics import input_change
 from softdyn.validation.loop.time_grid import TimeGrid
+from softdyn.validation.loop.trajectories import Trajectory
 from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.simulate import simulate
 from softdyn.validation.studies import experiments
 
 LONGEST_NAME = 80  # characters of a file's name before its hash
 
-# kind of a case → its experiment, from a robot's setup and the case's value
-NAMES = {"set_point": "theta", "tracking": "omega", "point": "point"}  # in files and tables
+NAMES = {
+    "set_point": "theta", "tracking": "omega", "point": "point",
+    "once": "file", "periodic": "file", "class": "class",
+}  # fmt: skip
+"""Kind → name in files and tables."""
+OWN = ("once", "periodic", "class")  # trajectories of one's own: the value is a file or a class
+MOVING = ("tracking", *OWN)
+FILES = ("plant", "surroundings", "observer")  # options that may name a file of one's own
 KINDS: dict[str, Callable[[setups.Setup, Any], Experiment]] = {
     "set_point": setups.Setup.set_point,
     "tracking": setups.Setup.tracking,
     "point": setups.Setup.target,
 }
+"""Kind of a case → its experiment, from a robot's setup and the case's value."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +53,10 @@ class Case:
     robot, controller : str
         As on the command line.
     kind : str
-        ``"set_point"``, ``"tracking"`` or ``"point"``.
-    value : float or tuple of float
-        θ or ω in multiples of π (rad, rad/s), or the point (3,) in the world (m).
+        One of `NAMES`.
+    value : float, tuple of float or str
+        θ or ω in multiples of π (rad, rad/s), the point (3,) in the world (m), or the file or class
+        of a trajectory of one's own.
     parameters : Any
         Arguments of the controller besides the model; None for its defaults.
     options : mapping
@@ -99,7 +108,10 @@ class Case:
     @cached_property
     def name(self) -> str:
         """A unique relative path, safe as a file name; a hash stands for non-default values."""
-        value = "_".join(map(number_text, self.value if self.kind == "point" else [self.value]))
+        if self.kind in OWN:
+            value = legible(self.value)
+        else:
+            value = "_".join(map(number_text, self.value if self.kind == "point" else [self.value]))
         folder = f"{legible(self.robot)}/{legible(self.controller)}"
         file = f"{self.kind}_{value}"
         if self == Case(self.robot, self.controller, self.kind, self.value) and folder == (
@@ -115,17 +127,24 @@ class Case:
     def inputs(self) -> dict[str, Any]:
         """The case in the words of a sweep file."""
         return {
-            "robot": self.robot, "controller": self.controller, "kind": NAMES[self.kind],
+            "robot": self.robot, "controller": self.controller,
+            "kind": self.kind if self.kind in OWN else NAMES[self.kind],
             "target": self.value, "gains": self.parameters, "options": self.options,
             "ellipse_scale": self.ellipse_scale, "sample": self.sample,
         }  # fmt: skip
 
-    def experiment(self, model: SoftModel) -> Experiment:
-        """The experiment; a robot that is not in the paper gets an ellipse of its own size."""
+    def experiment(self, model: SoftModel, trajectory: Trajectory | None = None) -> Experiment:
+        """The experiment; a robot that is not in the paper gets an ellipse of its own size.
+
+        `trajectory` is the one of one's own, where the case is of such a kind.
+        """
         setup = replace(setups.setup_of(model), ellipse_scale=self.ellipse_scale)
         period = self.options.get("period")
         setup = setup if period is None else replace(setup, period=period)
-        experiment = KINDS[self.kind](setup, self.value)
+        if trajectory is not None:
+            experiment = setup.trajectory(trajectory)
+        else:
+            experiment = KINDS[self.kind](setup, self.value)
         if self.target is not None:
             experiment = replace(experiment, reference=self.target(self.robot, experiment))
         return experiment
@@ -136,7 +155,7 @@ class Case:
             return np.full(size, self.nudge)
         return self.nudge * np.random.default_rng(self.draw).normal(size=size)
 
-    def grid(self, model: SoftModel) -> TimeGrid:
+    def grid(self, model: SoftModel, trajectory: Trajectory | None = None) -> TimeGrid:
         """The run's control periods and plant steps.
 
         Raises
@@ -144,18 +163,19 @@ class Case:
         InputError
             The case's times do not fit together.
         """
-        experiment = self.experiment(model)
+        experiment = self.experiment(model, trajectory)
         duration = self.options.get("duration", experiment.duration)
         return TimeGrid.plan(duration, experiment.period, self.options.get("timestep"))
 
-    def cost(self, model: SoftModel) -> float:
-        """Rough cost of the run: control steps, weighted by the robot's size."""
-        grid = self.grid(model)
-        return grid.duration / grid.period * (10 + model.nv)
 
-
-def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
-    """Run a case with the controller that `make` builds.
+def run(
+    case: Case,
+    model: SoftModel,
+    make: Callable[[], Any],
+    trajectory: Trajectory | None = None,
+    files: Mapping[str, Any] | None = None,
+) -> Log:
+    """Run a case with the controller that `make` builds; `files` are what its `FILES` mean.
 
     Raises
     ------
@@ -164,12 +184,13 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
     OwnCodeError
         A user's controller or observer raised an exception.
     """
-    experiment = case.experiment(model)
+    experiment = case.experiment(model, trajectory)
     controller = case.law(case.controller, model) if case.law else make()
     controller = case.around(controller) if case.around else controller
-    v0, name = case.start(model.nv), case.controller
+    options = {**case.options, **(files or {}), "name": case.controller}
+    options["v0"] = case.start(model.nv) + np.asarray(options.get("v0", 0.0))
     with own_code_errors(), one_line_errors(case.controller, "a command"):
-        return simulate(model, controller, experiment, v0=v0, name=name, **case.options)
+        return simulate(model, controller, experiment, **options)
 
 
 def figures(case: Case, log: Log) -> dict[str, Any]:

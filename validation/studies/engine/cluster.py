@@ -89,7 +89,12 @@ def _worker_code() -> str:
 
 def _contents(client: Any, order: list[CaseJob]) -> Any:
     """The user's own files as a job of the cluster: sent once, and repeated if it is lost."""
-    files = {s for job in order for s in (job.robot, job.controller) if s is not None}
+    files = {
+        s
+        for job in order
+        for s in (job.robot, job.controller, job.trajectory, *dict(job.options).values())
+        if s is not None
+    }
     found = {part for source in files for part in source.parts}
     contents = {sha: data for s in found if s.own for sha, data in s.contents().items()}
     return client.submit(dict, contents, key=f"files-{uuid.uuid4()}") if contents else None

@@ -23,7 +23,7 @@ LEVEL = 0.05  # significance level of a test of two seeds
 MARK = "~"  # mark of a figure that stands for a distribution
 CHANGE = "Δu (%)"  # title of the column of input changes
 NOTE = f"{MARK}: the loop is chaotic; median [range] of runs whose first velocities differ by 1e-9."
-NOISY = f"{NOTE[:-1]}, or, with noise, of runs with other seeds."
+NOISY = f"{NOTE[:-1]}, or, with noise or an observer, of runs with other seeds of the rig."
 BESIDE = {
     "second_cycle": "a / b: whole run / second cycle.",
     "input_change": f"{CHANGE}: rms change of the inputs per period, of their range, in the second"

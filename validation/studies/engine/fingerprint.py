@@ -46,7 +46,7 @@ def _called(case: Case) -> list[Path]:
     for one in (case.law, case.target, case.around, case.options.get("plant")):
         while isinstance(one, partial):
             one = one.func
-        builtin = one is None or isinstance(one, dict)
+        builtin = one is None or isinstance(one, dict | str)
         file = None if builtin else getattr(sys.modules[one.__module__], "__file__", None)
         if file is not None:
             folders.add(Path(file).resolve().parent)

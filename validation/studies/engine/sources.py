@@ -1,4 +1,4 @@
-"""The files of a robot or a controller: found here, sent along, and found by a worker."""
+"""The files of a robot, a controller or a trajectory: found here, sent along, and found there."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ from softdyn import InputError, SoftdynError, SoftModel
 from softdyn.controllers import find_controller
 from softdyn.controllers.registry import is_own
 from softdyn.description.library import bundled_names, find
-from softdyn.validation.inputs import imported
+from softdyn.files import read_toml
+from softdyn.safety import Surroundings
+from softdyn.validation.inputs import files_read, imported
+from softdyn.validation.loop.trajectories import Trajectory, read_trajectory
 from softdyn.validation.studies.engine.fingerprint import digest, has_digest
 
 # Models and classes are built once per thread, because threads cannot share a SoftModel's scratch
@@ -33,7 +36,7 @@ class NotHere(SoftdynError):
 
 @dataclass(frozen=True)
 class Source:
-    """The files of a robot or a controller, with hashes by which a worker checks its own files.
+    """The files of one thing, with hashes by which a worker checks its own files.
 
     Attributes
     ----------
@@ -64,7 +67,7 @@ class Source:
     def of(cls, text: str, paths: Sequence[Path], own: bool) -> Source:
         """The source of the files at `paths`, the main one first."""
         main = paths[0].resolve()
-        found = [(p.relative_to(main.parent).as_posix(), p) for p in (main, *paths[1:])]
+        found = [(Path(os.path.relpath(p, main.parent)).as_posix(), p) for p in (main, *paths[1:])]
         return cls(text, str(main), tuple((name, digest(path)) for name, path in found), own)
 
     def contents(self) -> dict[str, bytes]:
@@ -121,8 +124,10 @@ def class_at(text: str, folder: Path = Path()) -> Any:
         return find_controller(f"{folder / file}:{kind}" if is_own(text) else text)
 
 
-def of_controller(text: str, folder: Path = Path()) -> Source | None:
+def of_controller(text: str, folder: Path = Path(), depends: Sequence[str] = ()) -> Source | None:
     """Source of a user's FILE.py:CLASS, relative to `folder`; None for a name of the package.
+
+    It contains the modules beside the file that it imports, and the files that it `depends` on.
 
     Raises
     ------
@@ -130,11 +135,61 @@ def of_controller(text: str, folder: Path = Path()) -> Source | None:
         The name, file or class does not exist, or the file cannot be imported.
     """
     class_at(text, folder)
-    if not is_own(text):
-        return None
+    return _of_own(text, folder, depends) if is_own(text) else None
+
+
+def _of_own(text: str, folder: Path, depends: Sequence[str]) -> Source:
     path = folder / text.rpartition(":")[0]
     beside = [p for p in imported(path) if p != path.resolve()]
+    beside += [one for name in depends if (one := (folder / name).resolve()) not in beside]
     return Source.of(text, [path, *beside], own=True)
+
+
+def of_trajectory(text: str, folder: Path = Path(), depends: Sequence[str] = ()) -> Source:
+    """Source of a trajectory: a CSV file or a class, relative to `folder`."""
+    if is_own(text):
+        return _of_own(text, folder, depends)
+    return Source.of(text, [folder / text], own=True)
+
+
+def is_file(name: str, value: str) -> bool:
+    """Whether the text of one of the options `case.FILES` names a file."""
+    return name != "observer" or is_own(value)
+
+
+def of_option(name: str, value: str, folder: Path = Path(), depends: Sequence[str] = ()) -> Source:
+    """Source of the file that one of the options `case.FILES` names."""
+    if name == "observer":
+        return _of_own(value, folder, depends)
+    path = (folder / value).resolve()
+    return Source.of(value, [path, *sorted(files_read([path]) - {path})], own=True)
+
+
+def option_of(source: Source, name: str, model: SoftModel, contents: Mapping[str, bytes]) -> Any:
+    """The value of an option that `of_option` names: a scene, obstacles, an observer's class.
+
+    Raises
+    ------
+    UrdfError, InputError
+        The file cannot be used.
+    """
+    path = _own_file(source, contents)
+    if name == "plant":
+        from softdyn.validation.mjcf.scene import Scene  # few sweeps need the comparison of files
+
+        return Scene(model, path)
+    if name == "surroundings":
+        return Surroundings.of(read_toml(path), source.text)
+    return f"{path}:{source.text.rpartition(':')[2]}"
+
+
+def trajectory_of(
+    source: Source, kind: str, model: SoftModel, contents: Mapping[str, bytes]
+) -> Trajectory:
+    """The trajectory of a source, of one of the kinds `case.OWN`."""
+    if is_own(source.text):
+        return read_trajectory(source.text, model, make=class_of(source, contents))
+    return read_trajectory(_own_file(source, contents), model, periodic=kind == "periodic")
 
 
 def load_model(robot: str | Path, annotations: str | Path | None = None) -> SoftModel:
@@ -165,17 +220,19 @@ def class_of(source: Source, contents: Mapping[str, bytes]) -> Callable[..., Any
     """The user's own class."""
     kind = source.text.rpartition(":")[2]
     classes = _kept.__dict__.setdefault("classes", {})
-    if (source.files, kind) not in classes:
+    # equal files of another folder may change later, and the record of a run states its file
+    key = source.path, source.files, kind
+    if key not in classes:
         path = _own_file(source, contents)
         _forget_modules(source, path.parent)
-        classes[source.files, kind] = find_controller(f"{path}:{kind}")
-    found: Callable[..., Any] = classes[source.files, kind]
+        classes[key] = find_controller(f"{path}:{kind}")
+    found: Callable[..., Any] = classes[key]
     return found
 
 
 def _forget_modules(source: Source, folder: Path) -> None:
     """Forget a user's modules, because a worker may have imported other versions."""
-    for name, _ in source.files:
+    for name in (name for name, _ in source.files if name.endswith(".py")):
         parts = Path(name).with_suffix("").parts
         sys.modules.pop(".".join(parts[:-1] if parts[-1] == "__init__" else parts), None)
     while str(folder) in sys.path:  # the import of the class puts it first
@@ -193,8 +250,10 @@ def _own_file(source: Source, contents: Mapping[str, bytes]) -> Path:
     if not hasattr(_kept, "folder"):
         _kept.folder = tempfile.TemporaryDirectory(prefix="softdyn-")
     mark = hashlib.sha256(repr(source.files).encode()).hexdigest()[:16]
+    above = max(Path(name).parts.count("..") for name, _ in source.files)
+    root = Path(_kept.folder.name).joinpath(mark, *["_"] * above)
     for name, sha256 in source.files:
-        copy = Path(_kept.folder.name) / mark / name
+        copy = root / name
         copy.parent.mkdir(parents=True, exist_ok=True)
         copy.write_bytes(contents[sha256])
-    return Path(_kept.folder.name) / mark / source.files[0][0]
+    return root / source.files[0][0]

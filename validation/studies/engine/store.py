@@ -21,7 +21,9 @@ from typing import Any
 from softdyn import InputError
 from softdyn.files import remove_left_over
 from softdyn.validation.files import atomic, read_json, to_json, write_json
-from softdyn.validation.loop.log import STEP_TIMES, Log
+from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.metrics import STEP_TIMES
+from softdyn.validation.loop.repeat import record_for
 from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.studies.engine import case as cases
 from softdyn.validation.studies.engine.case import Case
@@ -117,6 +119,9 @@ class Store:
         mark = job.fingerprint if ran else None
         inputs = to_plain_data(job.case.inputs)
         content = {"fingerprint": mark, "inputs": inputs, **result.figures}
+        if result.record:
+            record = record_for(result.record["record"], path.parent)
+            content |= {**result.record, "record": record}
         _make_folder(path.parent)
         if result.log is not None:
             with atomic(self.log_path(job.name)) as file:
@@ -134,7 +139,8 @@ class Store:
         """Run the missing jobs and write their results; yield None for jobs that are up to date.
 
         The latter come first. Then the longest jobs run first, so that no core idles at the end.
-        Without missing jobs, the executor is not called.
+        Jobs of one fingerprint run once: the result stands in the files of each, and None is also
+        yielded for all but the first. Without missing jobs, the executor is not called.
 
         Raises
         ------
@@ -147,11 +153,17 @@ class Store:
         if not missing:
             return
         remove_left_over(self.folder)
-        order = sorted(missing, key=lambda job: job.cost, reverse=True)
+        alike: dict[str, list[CaseJob]] = {}
+        for job in sorted(missing, key=lambda job: job.cost, reverse=True):
+            alike.setdefault(job.fingerprint, []).append(job)
+        order = [first for first, *_ in alike.values()]
         with closing(executor(order)) as results:  # type: ignore[type-var]
             for index, result in results:
-                self.save(order[index], result)
-                yield order[index], result
+                first, *others = alike[order[index].fingerprint]
+                for job in (first, *others):
+                    self.save(job, result)
+                yield first, result
+                yield from ((job, None) for job in others)
 
 
 def _write(path: Path, content: Mapping[str, Any]) -> None:

@@ -1,6 +1,7 @@
 """Two files of one robot: only planted defects are named, without false alarms."""
 
 import json
+import re
 from collections import Counter
 
 import mujoco
@@ -143,14 +144,21 @@ def test_a_link_fixed_to_another_is_named(tmp_path, pair):
 
 
 def test_one_sided_fails_only_when_strict(tmp_path, pair):
+    """A cable without a spring and its motor at zero change no motion; an armature does."""
     bare = tmp_path / "bare.urdf"
     text = pair_robots.URDF
     bare.write_text(text[: text.index("  <softdyn")] + "</robot>")
     result = compare(bare, pair[1])
-    assert result.passed
+    assert not result.passed
     assert kinds(result) == {"armature": 2, "tendon": 1, "actuator": 1}
-    assert all(cause.one_sided for cause in result.causes)
-    assert not compare(bare, pair[1], strict=True).passed
+    assert {c.kind for c in result.causes if c.one_sided} == {"tendon", "actuator"}
+    assert all(cause.alone for cause in result.causes)
+    light = tmp_path / "light.xml"
+    light.write_text(re.sub(r' armature="[^"]*"', "", pair_robots.MJCF))
+    result = compare(bare, light)
+    assert result.passed
+    assert kinds(result) == {"tendon": 1, "actuator": 1}
+    assert not compare(bare, light, strict=True).passed
 
 
 def test_joints_are_matched_by_like_names_and_by_kinematics(tmp_path, pair):

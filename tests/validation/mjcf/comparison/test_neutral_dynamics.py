@@ -19,7 +19,7 @@ from softdyn.validation.mjcf.comparison.dynamics import (
     random_states,
     relative_errors,
 )
-from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf
+from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf, from_mjcf
 from softdyn.validation.mjcf.comparison.side import Side, neutral
 from softdyn.validation.mjcf.mjcf_file import read_mjcf
 from tests.support import micro, one_feature
@@ -122,6 +122,7 @@ def _as_the_oracle(robot, states):
     assert max(relative_errors(ours, theirs).values()) < 1e-13
     np.testing.assert_allclose(ours.tips, theirs.tips, atol=1e-14)
     np.testing.assert_allclose(ours.lengths, theirs.lengths, atol=1e-14)
+    np.testing.assert_allclose(ours.arms, theirs.arms, atol=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -224,3 +225,34 @@ def test_another_damping_of_a_tendon_is_a_cause(tmp_path):
     (cause,) = compare(*files).causes
     assert (cause.kind, cause.where, cause.a, cause.b) == ("tendon", "t", 0.2, 0.3)
     assert cause.detail == "damping"
+
+
+REFERENCES = """<mujoco><compiler angle="radian"/><worldbody>
+<body name="a"><joint name="x" axis="0 1 0" ref="{x}"/>
+<inertial pos="0 0 0.1" mass="1" diaginertia="1e-2 1e-2 1e-2"/>
+<body name="b" pos="0 0 0.2"><joint name="y" type="slide" axis="1 0 0" ref="{y}"/>
+<inertial pos="0 0 0.1" mass="1" diaginertia="1e-2 1e-2 1e-2"/></body></body></worldbody>
+<equality><joint joint1="y" joint2="x" polycoef="{polycoef}"/></equality></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    "polycoef", ["0.1 -0.7 0 0 0", "0.1 -0.7 0.4 0.3 -0.2"], ids=["linear", "of 4th power"]
+)
+@pytest.mark.parametrize(("x", "y"), [(0.3, -0.2), (-0.5, 0), (0, 0.4)])
+def test_an_equality_of_joints_with_references(tmp_path, polycoef, x, y):
+    """MuJoCo's own residual at random states; it takes the polynomial about the references."""
+    path = tmp_path / "ref.xml"
+    path.write_text(REFERENCES.format(x=x, y=y, polycoef=polycoef))
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    robot = from_mjcf(path, model)
+    if robot.couplings:
+        (tie,) = robot.couplings
+        row = [tie.offset, tie.multiplier]
+    else:
+        (tie,) = robot.equalities
+        row = tie.data
+    for q in np.random.default_rng(0).uniform(-1, 1, (5, 2)):
+        data.qpos[:] = q
+        mujoco.mj_forward(model, data)
+        assert q[1] - np.polynomial.polynomial.polyval(q[0], row) == pytest.approx(data.efc_pos[0])

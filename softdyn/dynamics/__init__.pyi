@@ -1,0 +1,24 @@
+from .balance import Disturbance, ForceBalance
+from .derivatives import acceleration_derivatives, gravity_stiffness, stiffness, tangent_dynamics
+from .discretisation import DiscreteStep, StepError, discrete_step
+from .implicit_step import ImplicitStep
+from .integrators import step_implicit, step_rk4
+from .stops import Stops
+from .winches import Winches
+
+__all__ = [
+    "DiscreteStep",
+    "Disturbance",
+    "ForceBalance",
+    "ImplicitStep",
+    "StepError",
+    "Stops",
+    "Winches",
+    "acceleration_derivatives",
+    "discrete_step",
+    "gravity_stiffness",
+    "step_implicit",
+    "step_rk4",
+    "stiffness",
+    "tangent_dynamics",
+]

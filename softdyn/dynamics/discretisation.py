@@ -1,0 +1,190 @@
+"""The motion of a robot over a period under a constant input, with its exact Jacobians.
+
+`discrete_step` takes steps of backward Euler (`softdyn.dynamics.implicit_step`), one if that has a
+solution, else shorter ones. With x = (q, v) and the Jacobians A_k, B_k of each step, the chain rule
+gives those of the period:
+
+    A ← A_k A,    B ← A_k B + B_k.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from softdyn.checks import array, instance, number, vector
+from softdyn.dynamics.balance import ForceBalance
+from softdyn.dynamics.implicit_step import (
+    ImplicitStep,
+    ImplicitStepResult,
+    ends_by,
+    linearised,
+    newton_matrix,
+)
+from softdyn.dynamics.model import SoftModel, check_model
+from softdyn.dynamics.stops import Stops
+from softdyn.exceptions import SoftdynError
+
+SHORTEST = 2**20  # sub-steps in a period; where a shorter one is needed, there is no motion to find
+ACCURACY = 1e-9  # rad, m: what is left of the forces moves no joint farther within a sub-step
+
+
+class StepError(SoftdynError, ArithmeticError):
+    """A step without a solution, even in 2⁻²⁰ of its period.
+
+    Attributes
+    ----------
+    q, v, u : ndarray, (nq,), (n,), (m,)
+        The state from which it did not go on, and the input.
+    residual : ndarray, (n,)
+        The joint forces out of balance there (N m, N), if no joint accelerates.
+    """
+
+    def __init__(
+        self, q: np.ndarray, v: np.ndarray, u: np.ndarray, residual: np.ndarray, step: float
+    ) -> None:
+        self.q, self.v, self.u, self.residual, self.step = q, v, u, residual, step
+        largest = np.abs(residual).max(initial=0.0)
+        super().__init__(
+            f"no solution of a step of {step:.3g} s: joint forces of up to {largest:.3g} out of "
+            "balance; give a shorter period or smaller speeds"
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:  # crosses process boundaries
+        return type(self), (self.q, self.v, self.u, self.residual, self.step)
+
+
+@dataclass(frozen=True, eq=False)
+class DiscreteStep:
+    """The state after a period and its Jacobians, along the velocity coordinates: q ⊕ dq.
+
+    Attributes
+    ----------
+    q, v : ndarray, (nq,), (n,)
+        The state (rad, m; (cos, sin) of a continuous joint; per second).
+    A : ndarray, (2n, 2n)
+        ∂(q, v)⁺ by (q, v).
+    B : ndarray, (2n, m)
+        ∂(q, v)⁺ by u.
+    held : ndarray of int, (n,)
+        1 for a joint at its upper stop at the end, -1 at the lower one, 0 for a free joint.
+    substeps : int
+        The number of steps that it took, 1 if the first one had a solution.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    A: np.ndarray
+    B: np.ndarray
+    held: np.ndarray
+    substeps: int
+
+
+def discrete_step(
+    model: SoftModel,
+    q: np.ndarray,
+    v: np.ndarray,
+    u: np.ndarray,
+    period: float,
+    stops: bool = True,
+    *,
+    winches: bool = False,
+) -> DiscreteStep:
+    """The state after a period under a constant input, by backward Euler, with exact Jacobians.
+
+    Each sub-step's solution is checked: what is left of its forces would move no free joint by
+    1e-9 rad or m, no stop pulls, and no joint is beyond its limits. Where there is none, the
+    sub-step is halved. The Jacobians are those of the sub-steps taken. They are one-sided where a
+    small change would let a joint meet or leave its stop, or a cable become slack.
+
+    Parameters
+    ----------
+    model : SoftModel
+        Any robot's model.
+    q, v : array_like, (nq,), (n,)
+        Configuration and velocity. A joint that begins beyond a limit ends at it.
+    u : array_like, (m,)
+        Input during the period.
+    period : float
+        Its length (s).
+    stops : bool
+        Whether joints stop at their limits.
+    winches : bool
+        Whether `u` are commands of the file's motors, for a winch the free length of its cable less
+        the motor's offset, as `softdyn.actuation.Winches` gives them.
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, a number that is not finite or a period that is not above zero.
+    StepError
+        Without a solution in 2⁻²⁰ of the period.
+    """
+    n = check_model(model).nv
+    q, v = array("q", q, (model.nq,)), vector("v", v, n)
+    u, period = vector("u", u, model.nu), number("period", period, above=0.0)
+    stops = instance("stops", stops, bool, "True or False")
+    model.coordinates(model.integrate(q, np.zeros(n)))  # refuses (cos, sin) off the unit circle
+    balance = ForceBalance(model, motors=None if winches else ())
+    steps = _CheckedSteps(model, balance, Stops.of(model) if stops else Stops.none(model))
+    A, B, held = np.eye(2 * n), np.zeros((2 * n, model.nu)), np.zeros(n, np.int64)
+    done, part, count = 0, SHORTEST, 0  # in 2⁻²⁰ of the period
+    with np.errstate(all="ignore"):  # a step that overflows has no solution
+        while done < SHORTEST:
+            h = period * (part / SHORTEST)
+            found = steps(q, v, u, h, held)
+            if found is None:
+                if part == 1:
+                    raise StepError(q, v, u, balance(q, v, np.zeros(n), u).residual, h)
+                part //= 2
+                continue
+            q, v, held, one, other = found
+            A, B = one @ A, one @ B + other
+            done, count = done + part, count + 1
+            if part < SHORTEST and done % (2 * part) == 0:  # the next one may be longer again
+                part *= 2
+    return DiscreteStep(q, v, A, B, held, count)
+
+
+class _CheckedSteps:
+    """Steps of backward Euler whose solutions are checked."""
+
+    def __init__(self, model: SoftModel, balance: ForceBalance, stops: Stops) -> None:
+        self._model, self._balance, self._stops = model, balance, stops
+        self._step = ImplicitStep(model, balance, stops)
+
+    def __call__(
+        self, q: np.ndarray, v: np.ndarray, u: np.ndarray, h: float, held: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+        """q⁺, v⁺, the held joints, A and B; None without a solution."""
+        model, n, none = self._model, self._model.nv, np.zeros(0)
+        found = self._step(q, v, u, none, h, held)
+        if found is None:
+            return None
+        ends = ends_by(model, q, h * found.v)
+        terms = self._balance.trusted(found.q, found.v, (found.v - v) / h, u, none)
+        try:
+            step = linearised(found.q, found.v, terms, h, found.held, ends)
+        except np.linalg.LinAlgError:
+            return None
+        if not self._solved(step, terms.residual, np.abs(newton_matrix(terms, h, ends)), h):
+            return None
+        by_force = -step.by_force @ terms.by_commands
+        A, B = np.vstack((h * step.by_state, step.by_state)), np.vstack((h * by_force, by_force))
+        if ends is not None:
+            A[:n], B[:n] = ends[1] @ A[:n], ends[1] @ B[:n]
+        A[:n, :n] += np.eye(n) if ends is None else ends[0]
+        return (step.q, step.v, step.held, A, B) if np.isfinite(A).all() else None
+
+    def _solved(self, step: ImplicitStepResult, r: np.ndarray, A: np.ndarray, h: float) -> bool:
+        """Whether balance and complementarity of stops hold at a step's end."""
+        at, held = self._model.coordinates(step.q), step.held
+        beyond = at - self._stops.within(at)
+        pull = r * held - ACCURACY / h * A.diagonal()  # a stop that pulls
+        return bool(
+            (h * np.abs(step.by_force @ r) <= ACCURACY).all()
+            and (pull <= 0)[held != 0].all()
+            and (np.abs(beyond) <= ACCURACY).all()
+        )
