@@ -183,6 +183,11 @@ def text_of(expected: str, value: Any) -> str:
     return value
 
 
+def short(value: Any) -> str:
+    """A value as a title and a message have it."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
 def idle(*_: Any) -> Any:
     """A controller in the loops that are only built."""
 
@@ -458,6 +463,10 @@ class _Reader:
         change = key.startswith("changes.")  # the draws of one are the same for each robot
         if not self.differs(value, change):
             return [self.axis(key, name, value, check)]
+        for one in value.values() if change else ():
+            axis = self.axis(key, name, one, check)
+            if axis.varies and not axis.drawn:
+                raise self.not_one_list(key, axis)
         lacking = [robot for robot in self.robots if robot not in value]
         if lacking and DEFAULT not in value:
             expected = f"a value of {lacking[0]}, or {DEFAULT}"
@@ -467,6 +476,11 @@ class _Reader:
             replace(self.axis(key if change else f"{key}.{robot}", name, one, check), robot=robot)
             for robot, one in found.items()
         ]
+
+    def not_one_list(self, key: str, axis: Axis) -> InputError:
+        """The error of a change with a list too many, or with a list that holds for one robot."""
+        got = axis.drawn or f"[{', '.join(short(value) for value in axis.values)}]"
+        return InputError(f"{self.path}: {key}", "one value, or one list per change", got)
 
     def of_each_joint(
         self, axis: Axis, axes: list[Axis], models: Mapping[str, SoftModel]
@@ -513,17 +527,12 @@ class _Reader:
             axes = self.axes_in(table, models, f"{key}.")
             lists = [axis for axis in axes if axis.varies and not axis.drawn]
             odd = [axis for axis in axes if axis.drawn and place(axis.name)[2] == (EACH,)]
-            odd += [*lists[1:], *(axis for axis in lists if axis.robot is not None)]
-            for axis in odd:
-                where = f"{self.path}: {key}.{axis.name}"
-                raise InputError(
-                    where, "one value, or one list per change", axis.drawn or axis.values
-                )
+            for axis in [*odd, *lists[1:]]:
+                raise self.not_one_list(f"{key}.{axis.name}", axis)
             if not axes:
                 raise every.error(text, "a table of parameters", "an empty one")
             for value in lists[0].values if lists else [None]:
-                short = f"{value:g}" if isinstance(value, float) else str(value)
-                title = text if value is None else text.replace("{}", short)
+                title = text if value is None else text.replace("{}", short(value))
                 if title in names or "/" in title or not title:
                     expected = "a unique name, with {} for a list and without /"
                     raise every.error(text, expected, title)
