@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from softdyn.description.library import bundled_file, bundled_name, find
 from softdyn.description.urdf import parse, parse_text
@@ -17,6 +19,7 @@ def load(
     annotations: str | Path | None = None,
     floating: bool = False,
     repair_inertia: bool = False,
+    forces: Iterable[Any] = (),
 ) -> SoftModel:
     """Load a robot: a bundled name, a path to an annotated URDF, or an example-robot-data name.
 
@@ -31,18 +34,21 @@ def load(
         (x, y, z, w), and v with its velocity and angular velocity in its own axes.
     repair_inertia : bool
         Replace impossible inertias by the nearest possible ones, with a warning each.
+    forces : iterable of Force, optional
+        Forces of one's own that act on the robot, as for `SoftModel.with_forces`.
 
     Raises
     ------
     InputError
-        If there is no such robot.
+        If there is no such robot, or for a force that does not meet `softdyn.dynamics.Force`.
     UrdfError
         If the file cannot be used; the message names file, element, expected and got.
     """
     path = find(source)
     robot = parse(path, annotations=annotations, floating=floating, repair_inertia=repair_inertia)
     # published gains belong to the unchanged bundled file only
-    model = build(robot, None if annotations or floating else bundled_name(path))
+    bundled = None if annotations or floating else bundled_name(path)
+    model = build(robot, bundled, forces=forces)
     for warning in robot.warnings:
         warnings.warn(warning, stacklevel=2)
     return model

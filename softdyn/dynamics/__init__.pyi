@@ -1,6 +1,7 @@
 from .balance import Disturbance, ForceBalance
 from .derivatives import acceleration_derivatives, gravity_stiffness, stiffness, tangent_dynamics
 from .discretisation import DiscreteStep, StepError, discrete_step
+from .forces import Force
 from .implicit_step import ImplicitStep
 from .integrators import step_implicit, step_rk4
 from .stops import Stops
@@ -9,6 +10,7 @@ from .winches import Winches
 __all__ = [
     "DiscreteStep",
     "Disturbance",
+    "Force",
     "ForceBalance",
     "ImplicitStep",
     "StepError",

@@ -146,6 +146,10 @@ class ReducedModel(Projection):
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.full, self.basis)
 
+    def with_forces(self, *forces: Any) -> ReducedModel:
+        """A new model on the same basis, on whose whole robot further forces act."""
+        return ReducedModel(self.full.with_forces(*forces), self.basis)
+
     def _limits(self) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = np.full(self.nv, -np.inf), np.full(self.nv, np.inf)
         for row, low, high in zip(self.S, self.full.lower, self.full.upper, strict=True):
