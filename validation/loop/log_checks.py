@@ -150,6 +150,7 @@ def _is_source(value: Any) -> bool:
         and _is_flag(value["floating"])
         and (value["bundled"] is None or _is_text(value["bundled"]))
         and isinstance(value.get("basis", {}), dict)
+        and isinstance(value.get("gravity", []), list)
     )
 
 

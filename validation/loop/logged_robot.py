@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, SoftModel
+from softdyn.description.robot import EARTH
 from softdyn.dynamics.reduced import Basis, ReducedModel, reduce
 from softdyn.loading import load_text
 
-OPTIONAL = ("basis",)  # fields that logs of most robots do not have
+OPTIONAL = ("basis", "gravity")  # fields that logs of most robots do not have
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,8 @@ class LoggedRobot:
         SHA-256 of everything on which the dynamics depend.
     basis : dict, optional
         The fields of the `Basis` of a reduced model, with its matrix as rows.
+    gravity : tuple of float, (3,), optional
+        Acceleration of gravity (m/s²), if it is not 0 0 -9.81.
     """
 
     path: str
@@ -42,6 +45,7 @@ class LoggedRobot:
     bundled: str | None
     digest: str
     basis: dict[str, Any] | None = None
+    gravity: tuple[float, ...] | None = None
 
     @classmethod
     def of(cls, model: SoftModel) -> LoggedRobot:
@@ -52,8 +56,9 @@ class LoggedRobot:
         if isinstance(model, ReducedModel):
             basis, inner = vars(model.basis) | {"matrix": model.basis.matrix.tolist()}, model.full
         return cls(
-            path, robot.text, robot.annotations, robot.floating, inner.bundled, robot.digest, basis
-        )
+            path, robot.text, robot.annotations, robot.floating, inner.bundled, robot.digest, basis,
+            None if robot.gravity == EARTH else robot.gravity,
+        )  # fmt: skip
 
     @property
     def table(self) -> dict[str, Any]:
@@ -74,7 +79,7 @@ class LoggedRobot:
             raise InputError("log", "the text of its robot's file", "none")
         found = load_text(
             self.text, self.annotations, path=self.path, floating=self.floating,
-            bundled=self.bundled,
+            bundled=self.bundled, gravity=self.gravity,
         )  # fmt: skip
         if self.basis is not None:
             rows, joints, names = (self.basis[part] for part in ("matrix", "joints", "names"))

@@ -8,6 +8,7 @@ follow `softdyn.actuation.drives.Drives`, and the readings are those of `softdyn
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,11 @@ from softdyn.safety import Surroundings
 from softdyn.sensing import Sensors
 from softdyn.validation.loop.settings import MODEL, RunOptions
 from softdyn.validation.twin.integrators import Integrator
-from softdyn.validation.twin.plant_errors import PlantErrors
+from softdyn.validation.twin.plant_errors import (
+    PlantErrors,
+    altered_motor,
+    altered_robot,
+)
 from softdyn.validation.twin.readings import NoisyReadings
 from softdyn.validation.twin.rig import SENSOR_STREAM, Drivers, Rig, RiggedPlant, rig_of
 from softdyn.validation.twin.twin import SimulationError
@@ -196,7 +201,7 @@ class RiggedModel(RiggedPlant):
             if tendon.rubs:
                 raise InputError("rig", f"cables without friction, because {_NO}", tendon.name)
         model, errors = with_errors(self._model, rig.plant), rig.plant
-        motors = tuple(errors.actuator(one) for one in robot.actuators)
+        motors = tuple(altered_motor(errors, one) for one in robot.actuators)
         self.moving = MovingModel(model, options["timestep"], options["integrator"], motors)
         self._late = ModelReadings(Sensors(model, robot.sensors), robot, self.moving, rig.seed)
         self.readings, self.settings = self._late, {"contacts": False, "plant": MODEL}
@@ -326,9 +331,9 @@ def with_errors(model: SoftModel, errors: PlantErrors) -> SoftModel:
     errors : PlantErrors
         The differences. Those that are not named above are ignored.
     """
-    robot = errors.robot(model.robot)
+    robot = altered_robot(errors, model.robot)
     if robot is model.robot:
         return model
     # the engine reads masses from the text
     found = parse_text(urdf_writer.write(robot), path=robot.path, floating=robot.floating)
-    return rebuild(model, found)
+    return rebuild(model, replace(found, forces=robot.forces))

@@ -77,60 +77,6 @@ class PlantErrors:
         """Whether there is dry friction."""
         return self.friction or self.dry_friction > 0
 
-    def robot(self, robot: Robot) -> Robot:
-        """A robot with these masses, springs and dampers, and with the payload at its tip.
-
-        The other differences are not numbers of a file. Stops, contacts and friction stay.
-
-        Raises
-        ------
-        InputError
-            A factor of a joint that the robot does not have.
-        """
-        if (self.mass, self.stiffness, self.damping, self.payload) == (1.0, 1.0, 1.0, 0.0):
-            return robot
-        joints = [joint.name for joint in robot.moving_joints]
-        (masses, weight), (springs, stiffness), (dampers, damping) = (
-            _factors(name, getattr(self, name), joints) for name in BY_JOINT
-        )
-        moved_by = {joint.child: joint.name for joint in robot.moving_joints}
-        carrier = moving_link_of(robot)
-        load = Inertia(self.payload, np.zeros(3), np.zeros((3, 3)))
-        links = []
-        for link in robot.links:
-            factor = masses.get(moved_by.get(carrier[link.name], ""), weight)
-            moments = tuple(factor * moment for moment in link.moments)
-            link = replace(link, mass=factor * link.mass, moments=moments)
-            if self.payload and link.name == robot.task:
-                body = link.inertia + load
-                x, y, z = body.com.tolist()
-                about = Origin((x, y, z))
-                link = replace(link, mass=body.mass, moments=body.moments, origin=about)
-            links.append(link)
-        return replace(
-            robot,
-            links=tuple(links),
-            joints=tuple(
-                replace(
-                    joint, stiffness=springs.get(joint.name, stiffness) * joint.stiffness,
-                    damping=dampers.get(joint.name, damping) * joint.damping,
-                )
-                for joint in robot.joints
-            ),
-            tendons=tuple(
-                replace(one, stiffness=stiffness * one.stiffness, damping=damping * one.damping)
-                for one in robot.tendons
-            ),
-        )  # fmt: skip
-
-    def actuator(self, one: Actuator) -> Actuator:
-        """A motor with the cable of these springs and dampers."""
-        stiffness, damping = (
-            factors.get(EACH, 1.0) if isinstance(factors, Mapping) else factors
-            for factors in (self.stiffness, self.damping)
-        )
-        return replace(one, stiffness=stiffness * one.stiffness, damping=damping * one.damping)
-
     def twin(self, *arguments: Any, **options: Any) -> Twin:
         """`Twin` with these differences; its own options may add contacts and friction."""
         for name, own in (("contacts", self.contacts), ("friction", self.rubs)):
@@ -167,6 +113,62 @@ class PlantErrors:
             mujoco.mj_setConst(model, twin.data)
             twin.reset()
         return twin
+
+
+def altered_robot(errors: PlantErrors, robot: Robot) -> Robot:
+    """A robot with the masses, springs and dampers, and the payload of these errors.
+
+    The other differences are not numbers of a file. Stops, contacts and friction stay.
+
+    Raises
+    ------
+    InputError
+        A factor of a joint that the robot does not have.
+    """
+    if (errors.mass, errors.stiffness, errors.damping, errors.payload) == (1.0, 1.0, 1.0, 0.0):
+        return robot
+    joints = [joint.name for joint in robot.moving_joints]
+    (masses, weight), (springs, stiffness), (dampers, damping) = (
+        _factors(name, getattr(errors, name), joints) for name in BY_JOINT
+    )
+    moved_by = {joint.child: joint.name for joint in robot.moving_joints}
+    carrier = moving_link_of(robot)
+    load = Inertia(errors.payload, np.zeros(3), np.zeros((3, 3)))
+    links = []
+    for link in robot.links:
+        factor = masses.get(moved_by.get(carrier[link.name], ""), weight)
+        moments = tuple(factor * moment for moment in link.moments)
+        link = replace(link, mass=factor * link.mass, moments=moments)
+        if errors.payload and link.name == robot.task:
+            body = link.inertia + load
+            x, y, z = body.com.tolist()
+            about = Origin((x, y, z))
+            link = replace(link, mass=body.mass, moments=body.moments, origin=about)
+        links.append(link)
+    return replace(
+        robot,
+        links=tuple(links),
+        joints=tuple(
+            replace(
+                joint, stiffness=springs.get(joint.name, stiffness) * joint.stiffness,
+                damping=dampers.get(joint.name, damping) * joint.damping,
+            )
+            for joint in robot.joints
+        ),
+        tendons=tuple(
+            replace(one, stiffness=stiffness * one.stiffness, damping=damping * one.damping)
+            for one in robot.tendons
+        ),
+    )  # fmt: skip
+
+
+def altered_motor(errors: PlantErrors, one: Actuator) -> Actuator:
+    """A motor whose cable has the springs and dampers of these errors."""
+    stiffness, damping = (
+        factors.get(EACH, 1.0) if isinstance(factors, Mapping) else factors
+        for factors in (errors.stiffness, errors.damping)
+    )
+    return replace(one, stiffness=stiffness * one.stiffness, damping=damping * one.damping)
 
 
 def multiplied(factors: Factors, by: float) -> Factors:
