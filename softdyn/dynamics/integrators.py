@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from softdyn.checks import array, number
+from softdyn.dynamics.derivatives import total_damping
 from softdyn.dynamics.model import SoftModel
 
 Step = tuple[np.ndarray, np.ndarray]
@@ -44,6 +45,8 @@ def step_rk4(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray, h: f
 def step_implicit(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray, h: float) -> Step:
     """Semi-implicit Euler with implicit damping, (M + h D) a = B u - h(q, v); order 1.
 
+    With forces of one's own D is D - ∂F/∂q̇.
+
     It is the scheme of MuJoCo's ``implicitfast``. It stays stable for any damping. This matters,
     because the damping is the stiff part of soft robots: λmax(M⁻¹D) is 1e4 and more.
 
@@ -63,5 +66,5 @@ def step_implicit(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray,
     """
     h, u = number("h", h), array("u", u, (model.nu,))
     state = model.state(q, v)
-    v = state.v + h * np.linalg.solve(state.M + h * state.D, state.B @ u - state.h)
+    v = state.v + h * np.linalg.solve(state.M + h * total_damping(state), state.B @ u - state.h)
     return model.integrate(q, h * v), v
