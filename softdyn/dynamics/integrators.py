@@ -4,6 +4,8 @@
 velocities is D_u = -B ∂u/∂q̇, and the force p of the stops at its end, its step is
 
     (M + h (D + D_u)) (v⁺ - v) = h (B u - h(q, v) + p),    q⁺ = q ⊕ h v⁺.
+
+With forces of one's own D is D - ∂F/∂q̇.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 from softdyn.checks import array, number
+from softdyn.dynamics.derivatives import total_damping
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.dynamics.stops import Stops
 
@@ -54,6 +57,8 @@ def step_rk4(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray, h: f
 def step_implicit(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray, h: float) -> Step:
     """Semi-implicit Euler with implicit damping, (M + h D) a = B u - h(q, v); order 1.
 
+    With forces of one's own D is D - ∂F/∂q̇.
+
     It is the scheme of MuJoCo's ``implicitfast``. It stays stable for any damping. This matters,
     because the damping is the stiff part of soft robots: λmax(M⁻¹D) is 1e4 and more.
 
@@ -73,7 +78,7 @@ def step_implicit(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray,
     """
     h, u = number("h", h), array("u", u, (model.nu,))
     state = model.state(q, v)
-    v = state.v + h * np.linalg.solve(state.M + h * state.D, state.B @ u - state.h)
+    v = state.v + h * np.linalg.solve(state.M + h * total_damping(state), state.B @ u - state.h)
     return model.integrate(q, h * v), v
 
 
@@ -153,7 +158,8 @@ class ModelMotion:
     def _implicit(self, pull: Pull) -> Step:
         model, h, state = self._model, self._h, self.state
         u, slopes = pull(state)
-        A = state.M + h * (state.D if slopes is None else state.D - state.B @ slopes)
+        D = total_damping(state)
+        A = state.M + h * (D if slopes is None else D - state.B @ slopes)
         if not self._held.any():
             v = state.v + h * np.linalg.solve(A, state.B @ u - state.h)
             q = model.integrate(state.q, h * v)

@@ -168,6 +168,10 @@ class SoftModel(Protocol):
     def force_derivatives(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """∂F/∂(q ⊕ dq) and ∂F/∂q̇ (n, n) of one's own forces; central differences by default."""
 
+    @property
+    def conserves(self) -> bool:
+        """Whether each force of one's own has a potential."""
+
     def forces_energy(self, q: np.ndarray) -> float:
         """Energy of those forces of one's own that have a potential (J)."""
 

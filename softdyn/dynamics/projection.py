@@ -94,6 +94,11 @@ class Projection(SoftModel):
         by_q, by_v = self.tree.force_derivatives(self.expand(q), S @ v)
         return S.T @ by_q @ S, S.T @ by_v @ S
 
+    @property
+    def conserves(self) -> bool:
+        """Whether each force of one's own has a potential."""
+        return self.tree.conserves
+
     def forces_energy(self, q: np.ndarray) -> float:
         """Energy of those forces of one's own that have a potential (J)."""
         return self.tree.forces_energy(self.expand(q))

@@ -26,6 +26,7 @@ from softdyn.dynamics.engine import (
 from softdyn.dynamics.forces import (
     check_forces,
     copied_forces,
+    energy_of,
     total_derivatives,
     total_energy,
     total_force,
@@ -333,6 +334,12 @@ class TreeModel(SoftModel):
         """∂F/∂(q ⊕ dq) and ∂F/∂q̇ (n, n) of one's own forces."""
         q, v = self._read(q), vector("v", v, self.nv)
         return total_derivatives(self._forces, self._unforced, q, v)
+
+    @property
+    def conserves(self) -> bool:
+        """Whether each force of one's own has a potential."""
+        energies = (energy_of(force, self._unforced, self.q0) for force in self._forces)
+        return all(energy is not None for energy in energies)
 
     def forces_energy(self, q: np.ndarray) -> float:
         """Energy of those forces of one's own that have a potential (J)."""
