@@ -6,6 +6,7 @@ from .implicit_step import ImplicitStep
 from .integrators import step_implicit, step_rk4
 from .stops import Stops
 from .winches import Winches
+from .wrench import Wrench
 
 __all__ = [
     "DiscreteStep",
@@ -16,6 +17,7 @@ __all__ = [
     "StepError",
     "Stops",
     "Winches",
+    "Wrench",
     "acceleration_derivatives",
     "discrete_step",
     "gravity_stiffness",

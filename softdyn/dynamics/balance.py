@@ -230,8 +230,8 @@ class ForceBalance:
         if self._size:
             self._add_disturbances(terms, coordinates, here, v, a, d)
         if tree.forces:  # last, because they may use the engine
-            slopes = tree.force_derivatives(q, v)
-            for term, part in zip((r, by_q, by_v), (tree.forces_at(q, v), *slopes), strict=True):
+            own = tree.forces_at(q, v), *tree.force_derivatives(q, v)
+            for term, part in zip((r, by_q, by_v), own, strict=True):
                 term -= part
         return terms
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -120,7 +120,7 @@ class TreeModel(SoftModel):
         self._fixed_B = read_only(self._input_matrix(self._fixed_arms))
         self._fixed_D = read_only(self._damping_matrix(self._fixed_arms, self.tendon_damping))
         self._pack(moves)
-        self._points: dict[str, BodyPoint] = {}
+        self._points: dict[tuple[str | float, ...], BodyPoint] = {}
         self._take_forces()
 
     def _take_forces(self) -> None:
@@ -388,10 +388,10 @@ class TreeModel(SoftModel):
 
     def link_jacobian(self, q: np.ndarray, link: str) -> np.ndarray:
         """Jacobian (6, n) of a link's frame, in the world's axes at the frame's origin."""
-        motion = self.link_point(link).at(*self._kinematics_of(self._read(q)))
+        motion = self.link_point(link).at(*self.kinematics_of(self._read(q)))
         return np.vstack((motion.J, motion.turning))
 
-    def link_point(self, link: str, xyz: np.ndarray | None = None) -> BodyPoint:
+    def link_point(self, link: str, xyz: Sequence[float] = (0.0, 0.0, 0.0)) -> BodyPoint:
         """A point of a link, its origin by default, for evaluation with the `kinematics`.
 
         Raises
@@ -399,22 +399,20 @@ class TreeModel(SoftModel):
         InputError
             For a link that the robot does not have.
         """
-        names = [one.name for one in self.robot.links]
-        if xyz is not None or link not in self._points:
+        if (link, *xyz) not in self._points:
+            names = [one.name for one in self.robot.links]
             if link not in names:
                 raise InputError("link", f"one of {', '.join(names)}", did_you_mean(link, names))
-            point = BodyPoint(self.engine, *self.anchor(link, np.zeros(3) if xyz is None else xyz))
-            if xyz is not None:
-                return point
-            self._points[link] = point
-        return self._points[link]
+            point = BodyPoint(self.engine, *self.anchor(link, np.array(xyz)))
+            self._points[link, *xyz] = point
+        return self._points[link, *xyz]
 
-    def _kinematics_of(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def kinematics_of(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The `kinematics`; nothing is computed for the numbers of the last State or call."""
         scratch = self._scratch
         if scratch.latest is None or not np.array_equal(scratch.latest, q):
             pin.computeJointJacobians(self.engine, scratch.data, self.about_base(q))
-            scratch.latest = q
+            scratch.latest = np.array(q)
         return self.last_kinematics()
 
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
