@@ -28,6 +28,7 @@ from softdyn import InputError, SoftModel, statics
 from softdyn.checks import number
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.qps.linear_algebra import RANK_TOLERANCE
+from softdyn.dynamics.derivatives import total_damping
 from softdyn.formats import KEY, TOML
 from softdyn.statics import Equilibrium
 
@@ -209,7 +210,7 @@ class _Place:
     def of(cls, one: Equilibrium, period: float) -> _Place:
         free = np.flatnonzero(~one.held)
         block, state, n = np.ix_(free, free), one.state, len(free)
-        M, D, stiffness = state.M[block], state.D[block], one.stiffness[block]
+        M, D, stiffness = state.M[block], total_damping(state)[block], one.stiffness[block]
         B = state.B[free]
         m = B.shape[1]
         A = np.zeros((2 * n + m, 2 * n + m))

@@ -22,6 +22,9 @@ each, with the file's name; page and plot show all runs.
 --obstacles FILE is as for run: the links touch them, unless they say "contact = false". The log has
 the forces, and the page shows the obstacles.
 
+--plant model integrates the analytic model in place of the twin. --plant FILE is an MJCF that
+replaces the twin.
+
 The steps of --timestep are 0.5 ms or less by default. A coarser step adds numerical damping.
 
 exit codes: 0 done; 1 a motion diverged; 2 bad input.
@@ -38,7 +41,7 @@ parser.add_argument(
     help="length of the run in s (default: 3, or to the last row of --inputs)",
 )  # fmt: skip
 parser.settings(
-    without=("duration", "plant", "observer"),
+    without=("duration", "observer"),
     period="time between samples in s (default: 0.002)",
 )
 parser.output("--log", "FILE", "write the run as NPZ, or as CSV where FILE ends in .csv")
@@ -58,7 +61,7 @@ def command(arguments: cli.Arguments) -> int:
     import numpy as np
 
     import softdyn
-    from softdyn.commands.run import make_rig, make_surroundings
+    from softdyn.commands.run import make_plant, make_rig, make_surroundings
     from softdyn.validation import rollouts
     from softdyn.validation.loop.pictures.replay import show_runs
     from softdyn.validation.loop.pictures.time_figures import look, save_comparison
@@ -69,7 +72,8 @@ def command(arguments: cli.Arguments) -> int:
     model = cli.load_robot(arguments)
     rig = make_rig(arguments.rig, model)
     settings = parser.given(arguments) | {
-        "rig": rig, "surroundings": make_surroundings(arguments.surroundings, model)
+        "rig": rig, "surroundings": make_surroundings(arguments.surroundings, model),
+        "plant": make_plant(model, arguments.plant, arguments),
     }  # fmt: skip
     names, several = ["run"], len(arguments.inputs or ()) > 1
     if several and arguments.log is not None:

@@ -59,6 +59,9 @@ sensors. --rig FILE is TOML with the fields of softdyn.validation.Rig, e.g. "lag
 "noise = 0.001" and a table [plant] with "payload = 0.05"; the file's rig has all other values. best
 and mpc know lag and delay of the plant, here of the rig, unless --gains says others.
 
+--plant model integrates the analytic model in place of the twin, with the twin's scheme. It has the
+rig, but no contacts and no dry friction. --plant FILE is an MJCF that replaces the twin.
+
 --observer gives the controller an estimate from the rig's sensors (softdyn.estimation.Ekf) instead
 of the state. Its process noise adapts to the readings; a line tells when they show forces that the
 model lacks. Disturbances may be named, e.g. "--observer tip_force,stiffness". A class of your own
@@ -503,7 +506,9 @@ def make_plant(model: SoftModel, given: Any, arguments: cli.Arguments) -> Any:
     """The plant, for a user's own scene after a report on its differences from the model."""
     from collections.abc import Mapping
 
-    if not isinstance(given, str | Mapping):
+    from softdyn.validation.loop.settings import MODEL
+
+    if not isinstance(given, str | Mapping) or given == MODEL:
         return given
     from softdyn.validation.mjcf.scene import scene_of
 

@@ -21,6 +21,7 @@ from .dynamics.mimic import build
 from .dynamics.model import SoftModel, State
 from .dynamics.reduced import Basis, reduce
 from .exceptions import (
+    ForceError,
     FormatError,
     InputError,
     NotIdentifiable,
@@ -36,6 +37,7 @@ from .view.show import show
 __all__ = [
     "Basis",
     "Ellipse",
+    "ForceError",
     "FormatError",
     "InputError",
     "NotIdentifiable",

@@ -6,6 +6,8 @@ Some objects keep the arguments of their making, so that a run's record can make
 from __future__ import annotations
 
 import copy
+import hashlib
+import pickle
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from typing import Any, Self
@@ -89,3 +91,37 @@ def freeze(values: Iterable[Any]) -> None:
             freeze(value.values())
         elif isinstance(value, tuple | list):
             freeze(value)
+
+
+def content(value: Any, inside: tuple[int, ...] = ()) -> str:
+    """The content of an object as text: the same for a copy, also in another process.
+
+    It has the class's name and all fields, to any depth.
+
+    Parameters
+    ----------
+    value : Any
+        An object that can be pickled.
+    inside : tuple of int
+        The objects that contain it, by their `id`.
+    """
+    if id(value) in inside:
+        return "itself"
+    within = (*inside, id(value))
+    if value is None or isinstance(value, bool | int | float | complex | str | bytes):
+        return repr(value)
+    if isinstance(value, np.ndarray | np.generic) and value.dtype.kind != "O":
+        numbers = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
+        return f"array {value.shape} {value.dtype.str} {numbers}"
+    if isinstance(value, Mapping):
+        pairs = (f"{content(k, within)}: {content(x, within)}" for k, x in value.items())
+        return f"{{{', '.join(sorted(pairs))}}}"
+    if isinstance(value, tuple | list | set | frozenset):
+        parts = [content(one, within) for one in value]
+        return f"[{', '.join(sorted(parts) if isinstance(value, set | frozenset) else parts)}]"
+    if isinstance(value, type) or (callable(value) and hasattr(value, "__qualname__")):
+        return f"{value.__qualname__}"
+    state = value.__getstate__()
+    if state is None and type(value).__reduce__ is not object.__reduce__:
+        state = pickle.dumps(value)
+    return f"{type(value).__qualname__} {content(state, within)}"

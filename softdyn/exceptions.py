@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sysconfig
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -77,6 +77,33 @@ class OutOfReach(InputError):
 
 class NotIdentifiable(InputError):
     """Data that show none of the unknowns."""
+
+
+class ForceError(InputError):
+    """A force of one's own that cannot be used at a configuration.
+
+    Attributes
+    ----------
+    kind, method : str
+        Its class, and the method that was called.
+    q : tuple of float
+        The configuration.
+    """
+
+    def __init__(
+        self, force: object, method: str, q: Iterable[float], expected: str, got: object
+    ) -> None:
+        self.kind = force if isinstance(force, str) else type(force).__name__
+        self.method, self.q = method, tuple(float(x) for x in q)
+        at = " ".join(f"{x:.4g}" for x in self.q)
+        super().__init__(f"{self.kind}.{method} at q = [{at}]", expected, got)
+
+    def __reduce__(self) -> tuple[Any, ...]:  # crosses process boundaries
+        return type(self), (self.kind, self.method, self.q, self.expected, self.got)
+
+    def about(self, name: str) -> InputError:
+        """The same defect as an `InputError` about another name."""
+        return InputError(name, self.expected, self.got)
 
 
 class FormatError(InputError):

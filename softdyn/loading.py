@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from softdyn.description.library import bundled_file, bundled_name, find
+from softdyn.description.robot import EARTH
 from softdyn.description.urdf import parse, parse_text
 from softdyn.dynamics.mimic import build
 from softdyn.dynamics.model import SoftModel
@@ -17,6 +20,8 @@ def load(
     annotations: str | Path | None = None,
     floating: bool = False,
     repair_inertia: bool = False,
+    gravity: Sequence[float] | None = None,
+    forces: Iterable[Any] = (),
 ) -> SoftModel:
     """Load a robot: a bundled name, a path to an annotated URDF, or an example-robot-data name.
 
@@ -31,18 +36,30 @@ def load(
         (x, y, z, w), and v with its velocity and angular velocity in its own axes.
     repair_inertia : bool
         Replace impossible inertias by the nearest possible ones, with a warning each.
+    gravity : array_like, (3,), optional
+        Acceleration of gravity in the world's axes (m/s²), such as that of a tilted base; by
+        default the file's, or 0 0 -9.81.
+    forces : iterable of Force, optional
+        Forces of one's own that act on the robot, as for `SoftModel.with_forces`.
 
     Raises
     ------
     InputError
-        If there is no such robot.
+        If there is no such robot, for a force that does not meet `softdyn.dynamics.Force`, and for
+        a gravity of another shape or one that is not finite.
     UrdfError
-        If the file cannot be used; the message names file, element, expected and got.
+        If the file cannot be used, or states another gravity. The message names file, element,
+        expected and got.
     """
     path = find(source)
-    robot = parse(path, annotations=annotations, floating=floating, repair_inertia=repair_inertia)
+    robot = parse(
+        path, annotations=annotations, floating=floating, repair_inertia=repair_inertia,
+        gravity=gravity,
+    )  # fmt: skip
     # published gains belong to the unchanged bundled file only
-    model = build(robot, None if annotations or floating else bundled_name(path))
+    changed = annotations or floating or robot.gravity != EARTH
+    bundled = None if changed else bundled_name(path)
+    model = build(robot, bundled, forces=forces)
     for warning in robot.warnings:
         warnings.warn(warning, stacklevel=2)
     return model
@@ -55,6 +72,7 @@ def load_text(
     path: str | Path,
     floating: bool = False,
     bundled: str | None = None,
+    gravity: Sequence[float] | None = None,
 ) -> SoftModel:
     """Load a robot from its text, as a log holds it.
 
@@ -68,13 +86,15 @@ def load_text(
         Let the root link move freely.
     bundled : str, optional
         The bundled robot's name, if it was one. It is ignored if the bundled file has changed.
+    gravity : array_like, (3,), optional
+        Acceleration of gravity (m/s²), if it is not the text's.
 
     Raises
     ------
     UrdfError
         If the text cannot be used.
     """
-    robot = parse_text(text, annotations, path=Path(path), floating=floating)
+    robot = parse_text(text, annotations, path=Path(path), floating=floating, gravity=gravity)
     file = None if bundled is None else bundled_file(bundled)
     same = file is not None and parse(file).digest == robot.digest
     return build(robot, bundled if same else None)

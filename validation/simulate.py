@@ -13,7 +13,7 @@ from softdyn import SoftModel
 from softdyn.validation.loop.arguments import ReferenceLike
 from softdyn.validation.loop.closed_loop import ClosedLoop, Controller, OnStep
 from softdyn.validation.loop.log import Log
-from softdyn.validation.loop.settings import RunOptions
+from softdyn.validation.loop.settings import MODEL, RunOptions
 
 
 def simulate(
@@ -57,7 +57,7 @@ def simulate(
         of Ctrl-C, unchanged. The exception has the run so far as its attribute ``log``, a `Log`.
     """
     given = RunOptions.of(options)
-    if isinstance(given.plant, str | Path | Mapping):
+    if isinstance(given.plant, str | Path | Mapping) and given.plant != MODEL:
         from softdyn.validation.mjcf.scene import scene_of  # most runs need no reader of MJCF
 
         scene = scene_of(model, given.plant)

@@ -13,6 +13,7 @@ import numpy as np
 
 from softdyn import InputError, SoftModel, State
 from softdyn.controllers.predictive.prediction import Lookahead
+from softdyn.dynamics.derivatives import total_damping
 
 SIZE = 1e-8  # weight of ‖u‖² beside that of its rate: it only picks among equal answers
 HOLD = 1e-3  # κ, weight of u - u* beside the tip's error, input by input
@@ -63,7 +64,7 @@ def stiffness_at_rest(
     J (r, n) are `rows`, by default those of the tip.
     """
     state = model.state(model.q0, np.zeros(model.nv))
-    S = state.M / horizon**2 + state.D / horizon + np.diag(model.stiffness)
+    S = state.M / horizon**2 + total_damping(state) / horizon + np.diag(model.stiffness)
     J = state.J if rows is None else rows
     return state, S, float(np.linalg.norm(J @ np.linalg.solve(S, J.T), 2))
 

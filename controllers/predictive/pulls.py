@@ -29,6 +29,7 @@ from softdyn import SoftModel, State
 from softdyn.actuation import Capstan
 from softdyn.controllers.controller import KnownRig
 from softdyn.controllers.predictive.objective import stiffness_at_rest
+from softdyn.dynamics.derivatives import total_damping
 from softdyn.dynamics.projection import underlying_tree
 
 HORIZON = 0.3  # H (s)
@@ -93,10 +94,11 @@ class FrictionPulls:
         """
         model, capstan, v = self._model, self._capstan, state.v
         guides = capstan.at(state)
-        force = state.B @ u - state.h + state.D @ v
+        D = total_damping(state)
+        force = state.B @ u - state.h + D @ v
         if unmodelled is not None:
             force += unmodelled
-        matrix = state.M + ORDERED * state.D
+        matrix = state.M + ORDERED * D
         matrix.flat[:: model.nv + 1] += ORDERED**2 * self._springs
         ordered = np.linalg.solve(matrix, state.M @ v + ORDERED * force)
         beyond = guides.arms_beyond

@@ -6,7 +6,8 @@ q + τ v + τ² q̈. This gives
 
     (M + τ D + τ² K') q̈ + h + τ K' v = B u,        K' = ∂K/∂q,
 
-the dynamics (paper, eq. (1)) with another M and another h; see `docs/hold.md`.
+the dynamics (paper, eq. (1)) with another M and another h; see `docs/hold.md`. Forces of one's own
+add the symmetric parts of -∂F/∂q̇ to D and of -∂F/∂q to K', because the QPs need a symmetric M.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import SoftModel, State
+from softdyn.checks import read_only
 from softdyn.compiled import compiled
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.linear_algebra import dot
@@ -57,7 +59,12 @@ class Horizon:
         if stiffness is None:
             v = state.v if self._slackens else None
             stiffness = self._model.tangent_stiffness(state.q, v)
-        _over(state.M, state.h, state.D, state.v, stiffness, self.tau, self._M, self._h)
+        D = state.D
+        if self._model.forces:
+            by_q, by_v = self._model.force_derivatives(state.q, state.v)
+            stiffness = stiffness - (by_q + by_q.T) / 2
+            D = read_only(D - (by_v + by_v.T) / 2)
+        _over(state.M, state.h, D, state.v, stiffness, self.tau, self._M, self._h)
         return self._answer
 
 

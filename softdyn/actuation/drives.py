@@ -95,8 +95,12 @@ class Drives:
     def reset(self, state: State, u: np.ndarray, t: float) -> None:
         """Begin at a state, with inputs u (m,) that have acted for long, at time t (s)."""
         assert self._winches is not None
-        self._free = self._winches.commands(state, u)
-        self.begin(np.where(self._speeds, 0.0, self._free), t)
+        self.hold(self._winches.commands(state, u), t)
+
+    def hold(self, values: np.ndarray, t: float) -> None:
+        """Begin at time t (s) with u or free lengths (m,) that have acted for long."""
+        self._free = values
+        self.begin(np.where(self._speeds, 0.0, values), t)
 
     def send(self, t: float, commands: np.ndarray) -> None:
         """The commands (m,) that are sent at time t (s), before the end of the next span.

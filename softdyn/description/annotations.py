@@ -27,6 +27,7 @@ from softdyn.description.robot import (
     Robot,
     Site,
     Tendon,
+    Vector,
     Wrap,
     moving_link_of,
     poses,
@@ -52,6 +53,7 @@ class AnnotationBlock:
     sensors: tuple[Sensor, ...] = ()
     task: str | None = None
     tasks: tuple[StatedTask, ...] = ()
+    gravity: Vector | None = None
 
 
 def read_block(
@@ -64,7 +66,7 @@ def read_block(
     """
     if block.text("version") != VERSION:
         raise block.error(f'version="{VERSION}"', repr(block.text("version")))
-    block.allow("version", children=("joint", "tendon", "actuator", "sensor", "task"))
+    block.allow("version", "gravity", children=("joint", "tendon", "actuator", "sensor", "task"))
     compliance = _compliance if overlay else _armature
     joints.update(block.unique("joint", lambda element: compliance(element, joints)))
     tendons = block.unique("tendon", lambda element: _tendon(element, links, joints))
@@ -80,6 +82,7 @@ def read_block(
         tuple(sensors.values()),
         tasks[0].frame if tasks else None,
         () if only_the_tip(tasks) else tasks,
+        None if block.node.get("gravity") is None else block.vector("gravity"),
     )
 
 

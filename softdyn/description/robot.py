@@ -13,14 +13,17 @@ from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from softdyn.checks import read_only
+from softdyn.copies import content
 from softdyn.description.inertia import IDENTITY, ZERO, Inertia, Origin, Vector, symmetric
 from softdyn.description.rig import Actuator, Sensor
 from softdyn.description.stated_task import StatedTask
 
+EARTH: Vector = (0.0, 0.0, -9.81)  # m/s²
 MOVING = ("revolute", "continuous", "prismatic")
 MOST_FRICTION = 10.0  # a larger coefficient of a cable leaves no pull behind a guide
 
@@ -270,6 +273,10 @@ class Robot:
         Whether an engine must read `text` instead of the file.
     overlay : Path or None
         The file with the ``<softdyn>`` block, if it is not `path`.
+    gravity : tuple of float, (3,)
+        Acceleration of gravity in the world's axes (m/s²), which a tilted base turns.
+    forces : tuple of softdyn.dynamics.Force
+        Forces of a user's own, which no file holds; see `SoftModel.with_forces`.
     """
 
     name: str
@@ -291,6 +298,8 @@ class Robot:
     annotations: str = field(default="", compare=False)
     mended: bool = field(default=False, compare=False)
     overlay: Path | None = field(default=None, compare=False)
+    forces: tuple[Any, ...] = field(default=(), compare=False)
+    gravity: Vector = EARTH
 
     @property
     def moving_joints(self) -> tuple[Joint, ...]:
@@ -326,8 +335,9 @@ class Robot:
     def digest(self) -> str:
         """SHA-256 of all numbers and names that dynamics and rig depend on; copies share it.
 
-        A robot without sensors, slack tendons and friction of cables has the digest of releases
-        that knew none of them.
+        A robot without sensors, slack tendons, friction of cables, forces of one's own and another
+        gravity has the digest of releases that knew none of them. A force counts with its class's
+        name and fields.
         """
         joints = [(j.name, j.kind, j.stiffness, j.rest, j.damping, j.armature, j.lower, j.upper,
                    j.friction, j.mimic) for j in self.joints]  # fmt: skip
@@ -346,6 +356,10 @@ class Robot:
         wraps = [(tendon.name, tendon.wraps) for tendon in self.tendons if tendon.wraps]
         if wraps:
             parts += (wraps,)
+        if self.gravity != EARTH:
+            parts += (("gravity", self.gravity),)
+        if self.forces:
+            parts += ([content(force) for force in self.forces],)
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
     @property

@@ -7,6 +7,7 @@ is refused. ``docs/format.md`` describes the format and the error for each misus
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import replace
 from functools import partial
@@ -15,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from softdyn.checks import flag
+from softdyn.checks import array, flag
 from softdyn.description.annotations import (
     BLOCK,
     AnnotationBlock,
@@ -28,6 +29,7 @@ from softdyn.description.mimics import compose_mimics, read_mimic
 from softdyn.description.origins import VERSIONS, in_rpy, read_origin, set_rpy, version
 from softdyn.description.other_tools import check_other_tools
 from softdyn.description.robot import (
+    EARTH,
     MOVING,
     Joint,
     Link,
@@ -72,6 +74,7 @@ def parse(
     annotations: str | Path | None = None,
     floating: bool = False,
     repair_inertia: bool = False,
+    gravity: Sequence[float] | None = None,
 ) -> Robot:
     """Read an annotated URDF.
 
@@ -88,11 +91,16 @@ def parse(
     repair_inertia : bool
         If a moving body's inertia is impossible, replace each impossible inertia of its links by
         the nearest possible one, and warn.
+    gravity : array_like, (3,), optional
+        Acceleration of gravity in the world's axes (m/s²); by default the file's, or 0 0 -9.81.
 
     Raises
     ------
+    InputError
+        For a gravity of another shape, or one that is not finite.
     UrdfError
-        For every misuse of the format; it names file, line, element, expected and got.
+        For every misuse of the format; it names file, line, element, expected and got. Also for a
+        gravity that contradicts the one that the file states.
     """
     path = as_path("path", path)
     for name, value in (("floating", floating), ("repair_inertia", repair_inertia)):
@@ -101,11 +109,18 @@ def parse(
     if annotations is not None:
         overlay = partial(read, as_path("annotations", annotations), "annotations")
     root = read(path) if content is None else read_bytes(path, content)
-    robot = _robot(root, overlay, floating, repair_inertia)
+    robot = _robot(root, overlay, floating, repair_inertia, gravity)
     return robot if annotations is None else replace(robot, overlay=Path(annotations))
 
 
-def parse_text(text: str, annotations: str = "", *, path: Path, floating: bool = False) -> Robot:
+def parse_text(
+    text: str,
+    annotations: str = "",
+    *,
+    path: Path,
+    floating: bool = False,
+    gravity: Sequence[float] | None = None,
+) -> Robot:
     """Read a robot from `Robot.text` and `Robot.annotations`; their file was `path`.
 
     Raises
@@ -114,12 +129,16 @@ def parse_text(text: str, annotations: str = "", *, path: Path, floating: bool =
         As in `parse`.
     """
     overlay = partial(read_bytes, path, annotations.encode()) if annotations else None
-    robot = _robot(read_bytes(path, text.encode()), overlay, floating, False)
+    robot = _robot(read_bytes(path, text.encode()), overlay, floating, False, gravity)
     return replace(robot, mended=True)  # the file may have changed since
 
 
 def _robot(
-    root: Element, overlay: partial[Element] | None, floating: bool, repair_inertia: bool
+    root: Element,
+    overlay: partial[Element] | None,
+    floating: bool,
+    repair_inertia: bool,
+    gravity: Sequence[float] | None,
 ) -> Robot:
     path, block_text = root.file, ""
     if root.tag != "robot":
@@ -169,6 +188,7 @@ def _robot(
         sensors=block.sensors,
         task=block.task or deepest_leaf(robot),
         tasks=block.tasks,
+        gravity=_gravity(root if element is None else element, block.gravity, gravity),
         xml=etree.tostring(_judged(root), encoding="unicode"),
         text=etree.tostring(root.node, encoding="unicode"),
         annotations=block_text,
@@ -311,6 +331,24 @@ def _check_tree(root: Element, links: dict[str, Link], joints: dict[str, Joint])
     reached = sum(len(level) for level in levels(roots[0], joints.values()))
     if reached != len(links):
         raise root.error("a tree", f"a cycle: {len(links) - reached} links out of the root's reach")
+
+
+def _gravity(element: Element, stated: Vector | None, given: Sequence[float] | None) -> Vector:
+    """The acceleration of gravity, of which all statements must agree.
+
+    Of other tools' elements `check_other_tools` accepts no other than 0 0 -9.81.
+    """
+    x, y, z = EARTH if stated is None else stated
+    if given is not None:
+        x, y, z = array("gravity", given, (3,)).tolist()
+        if stated is not None and stated != (x, y, z):
+            raise element.error("one gravity", f"{stated} here, and {(x, y, z)} as an argument")
+    others = element.node.getroottree().xpath(
+        "//option/@gravity | //gazebo//gravity[contains(., ' ')]"
+    )
+    if others and (x, y, z) != EARTH:
+        raise element.error("one gravity", f"{(x, y, z)}, and 0 0 -9.81 for another tool")
+    return x, y, z
 
 
 def _repair(root: Element, robot: Robot) -> tuple[str, ...]:

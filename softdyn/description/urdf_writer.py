@@ -16,7 +16,7 @@ from softdyn.description.annotations import BLOCK, VERSION
 from softdyn.description.inertia import MOMENTS
 from softdyn.description.origins import VERSIONS
 from softdyn.description.rig import Actuator, Sensor
-from softdyn.description.robot import Joint, JointTerm, Link, Origin, Robot, Site, Wrap
+from softdyn.description.robot import EARTH, Joint, JointTerm, Link, Origin, Robot, Site, Wrap
 from softdyn.description.stated_task import StatedTask
 
 
@@ -137,7 +137,8 @@ def _block(robot: Robot) -> list[str]:
         lines += [tag("task", **_task(task)) for task in robot.tasks]
     elif robot.task:
         lines.append(tag("task", frame=robot.task))
-    return _nested(BLOCK, lines, version=VERSION)
+    gravity = None if robot.gravity == EARTH else robot.gravity
+    return _nested(BLOCK, lines, version=VERSION, gravity=gravity)
 
 
 def _path_element(part: JointTerm | Site | Wrap) -> str:

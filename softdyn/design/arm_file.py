@@ -81,7 +81,7 @@ def robot(layout: Layout) -> Robot:
         bounds = Input(GEAR, (0, cable.max_tension))
         chain.pull(_tendon(layout, cable), bounds, **words.get(cable.name, {}))
     sensors = [placed for sensor in arm.sensors for placed in _sensors(layout, sensor)]
-    return chain.finish(tip, sensors=sensors, tasks=arm.tasks)
+    return chain.finish(tip, sensors=sensors, tasks=arm.tasks, gravity=arm.mount.gravity)
 
 
 def comment(layout: Layout) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 from lxml import etree
 
 from softdyn.description.rig import CommandKind, Sensor, SensorKind
+from softdyn.description.robot import EARTH
 from softdyn.description.stated_task import StatedTask, read_tasks
 from softdyn.description.strict_xml import Element
 from softdyn.design.cables import ArmSensor, Cable, CableMotor
@@ -100,6 +101,7 @@ def read_mount(table: TomlTable | None) -> Mount:
             table.vector("position", "length", (0.0, 0.0, 0.0)),
             table.vector("direction", "none", (0.0, 0.0, -1.0)),
             table.number("roll", "angle", 0.0),
+            table.vector("gravity", "acceleration", EARTH),
         )
     table.rest()
     return mount

@@ -10,6 +10,7 @@ from typing import Any
 from softdyn.description.inertia import Inertia
 from softdyn.description.rig import Actuator, Sensor
 from softdyn.description.robot import (
+    EARTH,
     ZERO,
     Joint,
     Link,
@@ -107,6 +108,7 @@ class Chain:
         angles: Sequence[float] = ZERO,
         sensors: Sequence[Sensor] = (),
         tasks: tuple[StatedTask, ...] = (),
+        gravity: Sequence[float] = EARTH,
     ) -> Robot:
         """Return the robot; its tip is at a pose in the last link."""
         self.add("tip", xyz=xyz, angles=angles)
@@ -114,7 +116,7 @@ class Chain:
             self.name, tuple(self._links), tuple(self._joints), tuple(self._tendons),
             tuple(self._actuators), tasks[0].frame if tasks else "tip", self._materials,
             sensors=tuple(sensors), tasks=() if only_the_tip(tasks) else tasks,
-            comment=self.comment,
+            comment=self.comment, gravity=vector(gravity),
         )  # fmt: skip
 
 

@@ -183,7 +183,7 @@ def urdf(finger: Finger) -> str:
         terms = tuple(JointTerm(f"hinge_{j}", -arm) for j, arm in pairs)
         least = -tendon.max_tension if tendon.pair else 0
         chain.pull(Tendon(tendon.name, terms), Input(-1.0, (least, tendon.max_tension)))
-    return write(chain.finish(offset))
+    return write(chain.finish(offset, gravity=finger.mount.gravity))
 
 
 def _around_pulleys(finger: Finger, tendon: FingerTendon) -> Tendon:

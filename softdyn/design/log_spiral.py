@@ -143,7 +143,7 @@ def urdf(
         ]  # fmt: skip
     for k, sites in enumerate(cables, 1):
         chain.pull(Tendon(f"cable_{k}", sites=tuple(sites)), spiral.cable)
-    return write(chain.finish(offset))
+    return write(chain.finish(offset, gravity=spiral.mount.gravity))
 
 
 def cable_direction(degrees: float) -> tuple[float, float]:

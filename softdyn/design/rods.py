@@ -24,6 +24,7 @@ from softdyn.checks import (
     number,
     whole,
 )
+from softdyn.description.robot import EARTH
 from softdyn.description.stated_task import StatedTask
 from softdyn.design.cables import (
     ArmSensor,
@@ -233,14 +234,27 @@ class Payload:
 
 @dataclass(frozen=True)
 class Mount:
-    """The arm's base: position (m), direction of its axis, turn about that axis (rad)."""
+    """The arm's base, and gravity there.
+
+    Attributes
+    ----------
+    position : sequence of float, (3,)
+        In the world (m).
+    direction : sequence of float, (3,)
+        Direction of its axis.
+    roll : float
+        Turn about this axis (rad).
+    gravity : sequence of float, (3,)
+        Acceleration of gravity in the world's axes (m/s²).
+    """
 
     position: Sequence[float] = (0.0, 0.0, 0.0)
     direction: Sequence[float] = (0.0, 0.0, -1.0)
     roll: float = 0.0
+    gravity: Sequence[float] = EARTH
 
     def __post_init__(self) -> None:
-        for name in ("position", "direction"):
+        for name in ("position", "direction", "gravity"):
             values = getattr(self, name)
             if (given := length(name, values)) != 3:
                 raise InputError(name, "three numbers", f"{given}")

@@ -11,9 +11,11 @@
   tendons that run around such bodies;
 - `points`: a point of a body, its Jacobian and the Jacobian's derivative;
 - `coordinates`: places in q of each joint: continuous joints, floating bases;
+- `forces`: joint forces of one's own, `Force`: the contract and its checked calls;
 - `balance`: r = M a + h - B u - E d and its Jacobians, with winches and slow disturbances;
 - `implicit_step`: a step of backward Euler with stops, and its exact Jacobians;
 - `discretisation`: the motion over a period in such steps, as many as it needs, with A and B;
+- `wrench`: `Wrench`, a constant force and torque at a point of a link;
 - `stops`: joint limits: which joints they hold, and the steps that they allow;
 - `winches`: the input of a motor that commands a cable's free length, and its inverse;
 - `derivatives`: those of accelerations; tangent and gravity stiffness;

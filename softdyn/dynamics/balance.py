@@ -2,7 +2,9 @@
 
 With the joint forces of springs, dampers, tendons and disturbances, the balance at (q, v, a) is
 
-    r = M a + C v + g + D v + K - B u - E d.
+    r = M a + C v + g + D v + K - B u - F - E d.
+
+F is the sum of one's own forces (`softdyn.dynamics.forces`).
 
 Pinocchio's RNEA derivatives (Carpentier and Mansard 2018) give M a + C v + g, its Jacobians, M, the
 joint Jacobian and the placements at once.
@@ -227,6 +229,10 @@ class ForceBalance:
         terms = BalanceTerms(r, by_q, by_v, M, arms.T @ pull.slope, by_d, pull.inputs)
         if self._size:
             self._add_disturbances(terms, coordinates, here, v, a, d)
+        if tree.forces:  # last, because they may use the engine
+            own = tree.forces_at(q, v), *tree.force_derivatives(q, v)
+            for term, part in zip((r, by_q, by_v), own, strict=True):
+                term -= part
         return terms
 
     def _pull(

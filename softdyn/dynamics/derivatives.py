@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from softdyn.checks import array, vector
 from softdyn.dynamics.balance import ForceBalance
-from softdyn.dynamics.model import SoftModel, check_model
+from softdyn.dynamics.model import SoftModel, State, check_model
 from softdyn.dynamics.projection import Projection, project, underlying_tree
 from softdyn.dynamics.tree import tree_of
 
@@ -96,6 +96,13 @@ def tangent_dynamics(
     return terms.by_q, terms.by_v
 
 
+def total_damping(state: State) -> np.ndarray:
+    """D - ∂F/∂q̇ (nv, nv): the damping of dampers and of forces of one's own."""
+    if not state.model.forces:
+        return state.D
+    return state.D - state.model.force_derivatives(state.q, state.v)[1]
+
+
 def mass_columns(model: SoftModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     """Joint forces (nv, bodies) that each moving body's inertia needs for the motion (q, v, a).
 
@@ -118,10 +125,11 @@ def mass_columns(model: SoftModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) 
 
 
 def stiffness(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Tangent stiffness (nv, nv) ∂(K + g - B u)/∂q: symmetric, the Hessian of the potential.
+    """Tangent stiffness (nv, nv) ∂(K + g - F - B u)/∂q, the Hessian of the potential.
 
-    The potential is U(q) + U_s(q) - Σ gear u ℓ(q). An equilibrium with a positive definite
-    stiffness is stable.
+    The potential is U(q) + U_s(q) - Σ gear u ℓ(q), and that of one's own forces. An equilibrium
+    with a positive definite stiffness is stable. With a force that has no potential the stiffness
+    need not be symmetric.
 
     Parameters
     ----------

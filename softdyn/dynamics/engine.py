@@ -37,6 +37,7 @@ def build_engine(robot: Robot) -> pin.Model:
         model = pin.buildModelFromXML(robot.xml, *free)
     except (ValueError, RuntimeError) as error:
         raise UrdfError(robot.path, "<robot>", "a URDF that Pinocchio reads", error) from None
+    model.gravity.linear = np.array(robot.gravity)
     moving = {joint.name: joint for joint in robot.moving_joints}
     if robot.floating:
         if FREE in moving:

@@ -7,20 +7,23 @@ followers. Robots without mimic joints do not use it, so it costs them nothing.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from softdyn.checks import instance, read_only, vector
 from softdyn.description.robot import Robot
 from softdyn.dynamics.engine import BASE
+from softdyn.dynamics.forces import check_forces, copied_forces
 from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.projection import Projection
 from softdyn.dynamics.tree import TreeModel
 from softdyn.exceptions import UrdfError
 
 
-def build(robot: Robot, bundled: str | None = None) -> SoftModel:
+def build(robot: Robot, bundled: str | None = None, *, forces: Iterable[Any] = ()) -> SoftModel:
     """The model of any robot: a `TreeModel`, or with mimic joints a `MimicModel`.
 
     Parameters
@@ -29,14 +32,20 @@ def build(robot: Robot, bundled: str | None = None) -> SoftModel:
         The parsed description.
     bundled : str, optional
         Name among the bundled robots, None for any other file.
+    forces : iterable of Force, optional
+        Further forces of one's own, as for `SoftModel.with_forces`.
 
     Raises
     ------
+    InputError
+        For a force that does not meet the contract, and for two forces of one name.
     UrdfError
         If Pinocchio refuses the file, if it reads another robot than the strict parse, or if the
         mass matrix is singular.
     """
     followers = instance("robot", robot, Robot, "a Robot, from softdyn.parse(…)").followers
+    if added := copied_forces(forces):
+        robot = replace(robot, forces=check_forces((*robot.forces, *added)))
     model: SoftModel = (MimicModel if followers else TreeModel)(robot, bundled)
     M = model.state(model.q0, np.zeros(model.nv)).M
     scale = np.sqrt(np.maximum(np.diag(M), 0.0))  # rounding may make a zero moment negative
@@ -127,6 +136,13 @@ class MimicModel(Projection):
             for tendon, length in zip(robot.tendons, lengths, strict=True)
         )
         return TreeModel(replace(robot, tendons=tuple(tendons)))
+
+    def with_forces(self, *forces: Any) -> MimicModel:
+        """A new model of the robot, on whose tree further forces act; it shares the engine."""
+        other = object.__new__(type(self))
+        tree = self.tree.with_forces(*forces)
+        vars(other).update(vars(self), tree=tree, robot=replace(self.robot, forces=tree.forces))
+        return other
 
     def expand(self, q: np.ndarray) -> np.ndarray:
         """Configuration (tree.nq,) of the tree at q (nq,)."""

@@ -87,6 +87,26 @@ class SoftModel(Protocol):
         """The input (m,) nearest to zero within the bounds, an array of the caller's own."""
         return np.clip(np.zeros(self.nu), self.u_min, self.u_max)
 
+    @property
+    def forces(self) -> tuple[Any, ...]:
+        """The forces of one's own that act on the robot; see `with_forces`."""
+        return self.robot.forces
+
+    def with_forces(self, *forces: Any) -> SoftModel:
+        """A new model of the robot, on which further forces act.
+
+        Parameters
+        ----------
+        *forces : Force
+            Objects that meet the contract `softdyn.dynamics.Force`. The new model holds copies of
+            them.
+
+        Raises
+        ------
+        InputError
+            For an object that does not meet the contract, and for two forces of one name.
+        """
+
     def __reduce__(self) -> tuple[Any, ...]:
         # A pickle cannot keep views of the engine's memory, so the copy is built from the file.
         return type(self), (self.robot, self.bundled)
@@ -135,9 +155,30 @@ class SoftModel(Protocol):
     def elastic_energy(self, q: np.ndarray) -> float:
         """Energy of joint springs and elastic tendons (J)."""
 
+    def forces_at(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """F (n,), the sum of one's own forces (N m, N), as in `State.F`.
+
+        Raises
+        ------
+        ForceError
+            For a force that raises, that returns anything but finite numbers of shape (n,), or that
+            changes or keeps its arguments.
+        """
+
+    def force_derivatives(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """∂F/∂(q ⊕ dq) and ∂F/∂q̇ (n, n) of one's own forces; central differences by default."""
+
+    @property
+    def conserves(self) -> bool:
+        """Whether each force of one's own has a potential."""
+
+    def forces_energy(self, q: np.ndarray) -> float:
+        """Energy of those forces of one's own that have a potential (J)."""
+
     def potential_energy(self, q: np.ndarray) -> float:
-        """Gravity and elastic energy together (J)."""
-        return self.gravity_energy(q) + self.elastic_energy(q)
+        """Gravity, elastic energy and that of one's own forces together (J)."""
+        energy = self.gravity_energy(q) + self.elastic_energy(q)
+        return energy + self.forces_energy(q) if self.forces else energy
 
     def tendon_lengths(self, q: np.ndarray) -> np.ndarray:
         """Lengths (tendons,) of all tendons, in the file's order (m, or the unit of coef · q)."""
@@ -179,6 +220,26 @@ class SoftModel(Protocol):
 
     def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
         """Pose (4, 4) in the world of every link."""
+
+    def link_jacobian(self, q: np.ndarray, link: str) -> np.ndarray:
+        """Jacobian (6, n) of a link's frame, in the world's axes at the frame's origin.
+
+        The first three rows give the velocity of the origin (m/s), the others the angular velocity
+        (rad/s). A force f and a torque τ at the origin, in the world's axes, are the joint force
+        Jᵀ (f, τ).
+
+        Raises
+        ------
+        InputError
+            For a link that the robot does not have, besides a wrong q.
+        """
+
+    def link_velocity(self, q: np.ndarray, v: np.ndarray, link: str) -> np.ndarray:
+        """Velocity of a link's origin and its angular velocity (6,), in the world's axes.
+
+        It is ``link_jacobian(q, link) @ v``.
+        """
+        return self.link_jacobian(q, link) @ vector("v", v, self.nv)
 
     def measure(self, state: State, u: np.ndarray) -> softdyn.sensing.Measurement:
         """The readings of the robot's sensors without errors, and their derivatives.
@@ -260,7 +321,9 @@ def check_state(model: SoftModel, state: Any) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class State:
-    """Terms of M q̈ + C q̇ + D q̇ + K + g = B u at (q, v); paper, eq. (1). Arrays are read-only.
+    """Terms of M q̈ + C q̇ + D q̇ + K + g = B u + F at (q, v); paper, eq. (1), with F.
+
+    Arrays are read-only. F is the sum of one's own forces, zero without any (`Force`).
 
     `SoftModel.state` makes States. The constructor and `dataclasses.replace` check the shapes and
     copy the arrays as read-only ones; the numbers need not be finite.
@@ -282,7 +345,7 @@ class State:
     B : ndarray, (n, m)
         Input matrix, Σ gear · (∂ℓ/∂q)ᵀ.
     h : ndarray, (n,)
-        C q̇ + D q̇ + K + g.
+        C q̇ + D q̇ + K + g - F.
     J, Jdot : ndarray, (3, n)
         Linear Jacobian of the tip in the world's axes and its time derivative, so that
         ÿ = J q̈ + J̇ q̇ is the classical acceleration.
@@ -343,7 +406,7 @@ class State:
     def trusted(**terms: Any) -> State:
         """Make a State from its model and read-only arrays by name, without any check.
 
-        Further terms, such as `g`, may be given; they are then not computed on first use.
+        Further terms, such as `g` and `F`, may be given; they are then not computed on first use.
         """
         state = object.__new__(State)
         state.__dict__.update(terms)
@@ -371,6 +434,11 @@ class State:
     def g(self) -> np.ndarray:
         """Gravity force (n,); computed on first use unless `SoftModel.state` gave it."""
         return self.model.gravity(self.q)
+
+    @cached_property
+    def F(self) -> np.ndarray:
+        """Sum (n,) of the forces of one's own; computed on first use unless it was given."""
+        return self.model.forces_at(self.q, self.v)
 
 
 def _shapes(model: SoftModel) -> dict[str, tuple[int, ...]]:

@@ -69,6 +69,12 @@ class BodyPoint:
         bend: np.ndarray = self._near * by_pairs + (self._nearer * by_pairs).T
         return bend
 
+    def turning_curvature(self, motion: PointMotion, torque: np.ndarray) -> np.ndarray:
+        """∂(J_ωᵀ τ)/∂q (nv, nv) for a constant torque τ (3,)."""
+        # ∂ω_k/∂q_j = ω_j × ω_k if joint j is joint k or nearer, else 0; τ · that = ω_j · (ω_k × τ)
+        bend: np.ndarray = self._near * (_crossed(motion.turning.T, torque) @ motion.turning)
+        return bend
+
     def subtract_force(
         self,
         residual: np.ndarray,

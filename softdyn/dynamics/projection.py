@@ -7,7 +7,7 @@ The coordinates are q. S (tree, n) is constant and of full rank. Then
 and d'Alembert's principle gives every term from those of the tree:
 
     M = Sᵀ M_tree S,  C = Sᵀ C_tree S,  D = Sᵀ D_tree S,
-    h = Sᵀ h_tree,    B = Sᵀ B_tree,    J = J_tree S.
+    h = Sᵀ h_tree,    B = Sᵀ B_tree,    J = J_tree S,    F = Sᵀ F_tree.
 
 S is constant, so Ṁ - 2C stays skew and forces stay gradients: every identity of the tree holds.
 """
@@ -51,7 +51,10 @@ class Projection(SoftModel):
             "D": S.T @ full.D @ S, "B": S.T @ full.B, "h": S.T @ full.h, "J": full.J @ S,
             "Jdot": full.Jdot @ S, "moment_arms": full.moment_arms @ S,
         }  # fmt: skip
-        return replace(full, model=self, **found)
+        state = replace(full, model=self, **found)
+        if self.forces:
+            vars(state)["F"] = read_only(S.T @ full.F)
+        return state
 
     def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Coriolis matrix C (n, n) with Ṁ - 2C skew-symmetric."""
@@ -80,6 +83,26 @@ class Projection(SoftModel):
         """Energy of joint springs and elastic tendons (J)."""
         return self.tree.elastic_energy(self.expand(q))
 
+    def forces_at(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """F (n,), the sum of one's own forces (N m, N): that of the tree, projected."""
+        v = vector("v", v, self.nv)
+        return read_only(self.S.T @ self.tree.forces_at(self.expand(q), self.S @ v))
+
+    def force_derivatives(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """∂F/∂(q ⊕ dq) and ∂F/∂q̇ (n, n) of one's own forces."""
+        S, v = self.S, vector("v", v, self.nv)
+        by_q, by_v = self.tree.force_derivatives(self.expand(q), S @ v)
+        return S.T @ by_q @ S, S.T @ by_v @ S
+
+    @property
+    def conserves(self) -> bool:
+        """Whether each force of one's own has a potential."""
+        return self.tree.conserves
+
+    def forces_energy(self, q: np.ndarray) -> float:
+        """Energy of those forces of one's own that have a potential (J)."""
+        return self.tree.forces_energy(self.expand(q))
+
     def tendon_lengths(self, q: np.ndarray) -> np.ndarray:
         """Lengths (tendons,) of all tendons, in the file's order."""
         return self.tree.tendon_lengths(self.expand(q))
@@ -100,6 +123,10 @@ class Projection(SoftModel):
     def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
         """Pose (4, 4) in the world of every link."""
         return self.tree.link_poses(self.expand(q))
+
+    def link_jacobian(self, q: np.ndarray, link: str) -> np.ndarray:
+        """Jacobian (6, n) of a link's frame, in the world's axes at the frame's origin."""
+        return self.tree.link_jacobian(self.expand(q), link) @ self.S
 
 
 def underlying_tree(model: SoftModel) -> tuple[TreeModel, np.ndarray | None]:

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 
 from softdyn.checks import array, instances, read_only, vector
+from softdyn.description.robot import Robot
+from softdyn.dynamics.mimic import build
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.projection import Projection
 from softdyn.dynamics.tree import tree_of
@@ -71,6 +73,23 @@ def reduce(model: SoftModel, basis: Basis | np.ndarray | Sequence[Sequence[float
     return ReducedModel(model, replace(basis, matrix=matrix, joints=model.joint_names))
 
 
+def rebuild(model: SoftModel, robot: Robot) -> SoftModel:
+    """The model of another description of the same tree, on the same basis if it is a reduced one.
+
+    Parameters
+    ----------
+    model : SoftModel
+        A model.
+    robot : Robot
+        Its `robot` with other numbers.
+    """
+    if not isinstance(model, ReducedModel):
+        return build(robot, model.bundled)
+    if robot.xml == model.robot.xml:  # without the mark of the basis
+        robot = replace(robot, xml=model.full.robot.xml)
+    return reduce(rebuild(model.full, robot), model.basis)
+
+
 class ReducedModel(Projection):
     """A robot's dynamics in fewer coordinates; made by `reduce`.
 
@@ -84,6 +103,10 @@ class ReducedModel(Projection):
         The model that was reduced.
     basis : Basis
         Rows in the order of its joints.
+    gear : ndarray, (m,)
+        Force of each input along its tendon for u = 1.
+    actuated : ndarray of int, (m,)
+        The tendon of each input.
     """
 
     def __init__(self, full: SoftModel, basis: Basis) -> None:
@@ -114,6 +137,7 @@ class ReducedModel(Projection):
         self.rest = read_only(pull / np.where(self.stiffness > 0, self.stiffness, 1.0))
         self.tendons, self.tendon_rest = full.tendons, full.tendon_rest
         self.tendon_slack = full.tendon_slack
+        self.gear, self.actuated = tree.gear, tree.actuated
         self.tendon_stiffness, self.tendon_damping = full.tendon_stiffness, full.tendon_damping
         # for the ξ nearest to q, measured by the springs' energy
         weight = full.stiffness if (full.stiffness > 0).all() else np.ones(full.nv)
@@ -121,6 +145,10 @@ class ReducedModel(Projection):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.full, self.basis)
+
+    def with_forces(self, *forces: Any) -> ReducedModel:
+        """A new model on the same basis, on whose whole robot further forces act."""
+        return ReducedModel(self.full.with_forces(*forces), self.basis)
 
     def _limits(self) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = np.full(self.nv, -np.inf), np.full(self.nv, np.inf)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from softdyn.checks import read_only, vector
+from softdyn.checks import did_you_mean, read_only, vector
 from softdyn.compiled import COMPILES
 from softdyn.description.robot import Robot
 from softdyn.dynamics import kernels
@@ -22,7 +23,16 @@ from softdyn.dynamics.engine import (
     joint_tree,
     moved_bodies,
 )
+from softdyn.dynamics.forces import (
+    check_forces,
+    copied_forces,
+    energy_of,
+    total_derivatives,
+    total_energy,
+    total_force,
+)
 from softdyn.dynamics.model import SoftModel, State, taut_gains
+from softdyn.dynamics.points import BodyPoint
 from softdyn.dynamics.tendons import TendonGeometry, compile_tendons
 from softdyn.exceptions import InputError
 
@@ -110,6 +120,23 @@ class TreeModel(SoftModel):
         self._fixed_B = read_only(self._input_matrix(self._fixed_arms))
         self._fixed_D = read_only(self._damping_matrix(self._fixed_arms, self.tendon_damping))
         self._pack(moves)
+        self._points: dict[tuple[str | float, ...], BodyPoint] = {}
+        self._take_forces()
+
+    def _take_forces(self) -> None:
+        """Let the robot's own forces act; they see this model without them."""
+        self._assemble = self._by_kernel if COMPILES else self._in_numpy
+        self._forces = check_forces(self.robot.forces)
+        free = replace(self.robot, forces=()) if self._forces else self.robot
+        self._unforced = self if free is self.robot else self._sharing(free)
+
+    def _sharing(self, robot: Robot) -> TreeModel:
+        """The model of this robot with other forces; it shares the engine and all numbers."""
+        other = object.__new__(type(self))
+        vars(other).update(vars(self), robot=robot)
+        vars(other).pop("pin_model", None)  # a user's own copy
+        other._take_forces()
+        return other
 
     def _pack(self, moves: np.ndarray) -> None:
         """Pack the arguments of the State's kernel in as few arrays as possible."""
@@ -142,7 +169,6 @@ class TreeModel(SoftModel):
         self._tip_and_lengths = 6 + count
         self._damped = tendons.spatial and bool(self.tendon_damping.any())
         self._slackens = bool(self.tendon_slack.any())
-        self._assemble = self._by_kernel if COMPILES else self._in_numpy
 
     # -- state ---------------------------------------------------------------------------------
 
@@ -183,6 +209,10 @@ class TreeModel(SoftModel):
         fill(joint_rows, tip_and_lengths, v, coordinates, *scratch.arguments)
         if here is not q:
             tip_and_lengths[:3] += q[:3]
+        extra = {}
+        if self._forces:
+            extra["F"] = self.forces_at(q, v)
+            kernels.joint_terms(joint_rows)[5][:] -= extra["F"]
         for filled in (q, v, joint_rows, tip_and_lengths):
             filled.flags.writeable = False
         M, J, Jdot, bias, K, h, g = kernels.joint_terms(joint_rows)
@@ -197,7 +227,7 @@ class TreeModel(SoftModel):
             D = read_only(self._damping_matrix(arms, self.tendon_damping))
         return State.trusted(
             model=self, q=q, v=v, M=M, bias=bias, K=K, D=D, B=B, h=h, g=g, J=J, Jdot=Jdot,
-            y=y, ydot=ydot, lengths=lengths, moment_arms=arms,
+            y=y, ydot=ydot, lengths=lengths, moment_arms=arms, **extra,
         )  # fmt: skip
 
     def _in_numpy(
@@ -227,6 +257,9 @@ class TreeModel(SoftModel):
             "J": J, "Jdot": Jdot, "y": y, "ydot": J @ v, "lengths": lengths, "moment_arms": arms,
         }  # fmt: skip
         kept = {name: read_only(np.ascontiguousarray(value)) for name, value in terms.items()}
+        if self._forces:
+            kept["F"] = self.forces_at(q, v)
+            kept["h"] = read_only(kept["h"] - kept["F"])
         B.flags.writeable = False  # no copy: B keeps its memory order
         return State.trusted(model=self, B=B, **kept)
 
@@ -256,6 +289,8 @@ class TreeModel(SoftModel):
             at = self.chart.of(q)
             K, D = self._springs_and_dampers(at, self._geometry(at).lengths, self._fixed_arms, v)
         tau = B @ u - D @ v - K
+        if self._forces:
+            tau += self.forces_at(q, v)
         return np.array(pin.aba(self.engine, self.pin_data, self.about_base(q), v, tau))
 
     def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
@@ -282,6 +317,33 @@ class TreeModel(SoftModel):
         gain, _ = taut_gains(self, lengths, np.zeros(len(lengths)))
         longer = lengths - self.tendon_rest
         return float(self.stiffness @ stretch**2 + gain @ longer**2) / 2
+
+    # -- forces of one's own -------------------------------------------------------------------
+
+    def with_forces(self, *forces: Any) -> TreeModel:
+        """A new model of the robot, on which further forces act; it shares the engine."""
+        both = check_forces((*self.forces, *copied_forces(forces)))
+        return self._sharing(replace(self.robot, forces=both))
+
+    def forces_at(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """F (n,), the sum of one's own forces (N m, N), as in `State.F`."""
+        q, v = self._read(q), vector("v", v, self.nv)
+        return read_only(total_force(self._forces, self._unforced, q, v))
+
+    def force_derivatives(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """∂F/∂(q ⊕ dq) and ∂F/∂q̇ (n, n) of one's own forces."""
+        q, v = self._read(q), vector("v", v, self.nv)
+        return total_derivatives(self._forces, self._unforced, q, v)
+
+    @property
+    def conserves(self) -> bool:
+        """Whether each force of one's own has a potential."""
+        energies = (energy_of(force, self._unforced, self.q0) for force in self._forces)
+        return all(energy is not None for energy in energies)
+
+    def forces_energy(self, q: np.ndarray) -> float:
+        """Energy of those forces of one's own that have a potential (J)."""
+        return total_energy(self._forces, self._unforced, self._read(q))
 
     # -- tendons -------------------------------------------------------------------------------
 
@@ -323,6 +385,35 @@ class TreeModel(SoftModel):
             link.name: data.oMf[model.getFrameId(link.name, pin.FrameType.BODY)].homogeneous
             for link in self.robot.links
         }
+
+    def link_jacobian(self, q: np.ndarray, link: str) -> np.ndarray:
+        """Jacobian (6, n) of a link's frame, in the world's axes at the frame's origin."""
+        motion = self.link_point(link).at(*self.kinematics_of(self._read(q)))
+        return np.vstack((motion.J, motion.turning))
+
+    def link_point(self, link: str, xyz: Sequence[float] = (0.0, 0.0, 0.0)) -> BodyPoint:
+        """A point of a link, its origin by default, for evaluation with the `kinematics`.
+
+        Raises
+        ------
+        InputError
+            For a link that the robot does not have.
+        """
+        if (link, *xyz) not in self._points:
+            names = [one.name for one in self.robot.links]
+            if link not in names:
+                raise InputError("link", f"one of {', '.join(names)}", did_you_mean(link, names))
+            point = BodyPoint(self.engine, *self.anchor(link, np.array(xyz)))
+            self._points[link, *xyz] = point
+        return self._points[link, *xyz]
+
+    def kinematics_of(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The `kinematics`; nothing is computed for the numbers of the last State or call."""
+        scratch = self._scratch
+        if scratch.latest is None or not np.array_equal(scratch.latest, q):
+            pin.computeJointJacobians(self.engine, scratch.data, self.about_base(q))
+            scratch.latest = np.array(q)
+        return self.last_kinematics()
 
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
         """q ⊕ dv (nq,): the configuration after the displacement dv (n,)."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 
-from softdyn.dynamics.balance import ForceBalance
+from softdyn.dynamics.balance import BalanceTerms, ForceBalance
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import SoftdynError
 from softdyn.identification.parameters import Parameter, columns_of
@@ -116,7 +116,7 @@ def follow(
     ends = np.array([sum(row) for row in STAGES])
     if driven:
         q[joints], v[joints] = driven.at(t[:1])[0, :2]
-    inverse, rub = None, friction_of(model)
+    rub, balance = friction_of(model), ForceBalance(model, motors=())
     for k in range(len(t)):
         path[k], sensitivities[k] = q, dq
         if k + 1 == len(t):
@@ -127,29 +127,29 @@ def follow(
         for piece in range(pieces):
             if driven:
                 known = driven.at(t[k] + h * (piece + ends))
-            q, v, dq, dv, a, inverse = _step(
-                (model, around or Around(model)), rub, unknowns, q, v, dq, dv, a, u[k], h,
-                free, joints, known, inverse,
+            q, v, dq, dv, a = _step(
+                (model, around or Around(model)), balance, rub, unknowns, q, v, dq, dv, a, u[k], h,
+                free, joints, known,
             )  # fmt: skip
     return path, sensitivities
 
 
 def _step(
-    models: tuple[SoftModel, Around], rub: Friction, unknowns: Sequence[Parameter],
-    q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.ndarray, a: np.ndarray, u: np.ndarray,
-    h: float, free: np.ndarray, driven: np.ndarray, known: np.ndarray, inverse: np.ndarray | None,
-) -> tuple[
-    np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None
-]:  # fmt: skip
-    """One step: the state at its end, its derivatives, the last acceleration and Newton matrix.
+    models: tuple[SoftModel, Around], balance: ForceBalance, rub: Friction,
+    unknowns: Sequence[Parameter], q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.ndarray,
+    a: np.ndarray, u: np.ndarray, h: float, free: np.ndarray, driven: np.ndarray, known: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """One step: the state at its end, its derivatives and the last acceleration.
 
-    Each stage's iterations use the Newton matrix of the stage before, until it is computed anew at
-    their solution. `known` (stages, 3, driven) is the motion of the driven joints.
+    `known` (stages, 3, driven) is the motion of the driven joints.
     """
     model, around = models
 
-    def linearised() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        terms = balance(configuration, V, a, u)
+    def balanced() -> tuple[BalanceTerms, np.ndarray]:
+        terms = balance.trusted(model.configuration(Q), V, a, u, no_disturbance)
+        return terms, (terms.residual + rub.size * rub.signs(V))[free]
+
+    def linearised(terms: BalanceTerms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         by_q, by_v = terms.by_q, terms.by_v + rub.slope(V)
         return by_q, by_v, np.linalg.inv((terms.by_a + hg * by_v + hg * hg * by_q)[block])
 
@@ -159,7 +159,7 @@ def _step(
         Q[driven], V[driven] = moving[:2]
         return Q, V
 
-    block, balance = np.ix_(free, free), ForceBalance(model, motors=())
+    block, no_disturbance = np.ix_(free, free), np.zeros(0)
     slopes: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []  # V, A, dV, dA
     for weights, moving in zip(STAGES, known, strict=True):
         hg = h * weights[-1]
@@ -172,21 +172,16 @@ def _step(
         last, least, change = np.inf, np.inf, np.zeros(len(free))
         for _ in range(ITERATIONS):
             Q, V = reached()
-            configuration = model.configuration(Q)
-            state = model.state(configuration, V)
-            r = (state.M @ a + state.h - state.B @ u + rub.size * rub.signs(V))[free]
+            terms, r = balanced()
             if (r @ r) > least:  # the step went too far, past the bend of a friction: halve it
                 change /= 2
                 a[free] += change
                 continue
             least = r @ r
             small = TOLERANCE * (1 + np.abs(a).max())
-            change = inverse @ r if inverse is not None else np.full(len(free), np.nan)
+            _, _, inverse = linearised(terms)
+            change = inverse @ r
             size = np.abs(change).max(initial=0)
-            if not size <= max(small, last / 5):  # the old matrix converges too slowly or not
-                _, _, inverse = linearised()
-                change = inverse @ r
-                size = np.abs(change).max(initial=0)
             a = a.copy()
             a[free] -= change
             left = size * min(1.0, size / last) if np.isfinite(last) else size
@@ -200,13 +195,12 @@ def _step(
         dA = np.zeros_like(dq)
         Q, V = reached()
         if dA.size:  # linearise at the solution, not at the last iteration's start
-            configuration = model.configuration(Q)
-            state = model.state(configuration, V)
-            by_q, by_v, inverse = linearised()
+            by_q, by_v, inverse = linearised(balanced()[0])
+            state = model.state(model.configuration(Q), V)
             columns = columns_of(unknowns, MotionSample(state, a, u, around), dq.shape[1])
             load = columns + by_q @ (dq0 + hg * dv0) + by_v @ dv0
             dA[free] = -inverse @ load[free]
         dV = dv0 + hg * dA
         slopes.append((V, a, dV, dA))
-        end = (Q, V, dq0 + hg * dV, dV, a, inverse)
+        end = (Q, V, dq0 + hg * dV, dV, a)
     return end

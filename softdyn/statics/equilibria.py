@@ -13,7 +13,14 @@ from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel, State, check_model
 from softdyn.dynamics.projection import Projection, underlying_tree
 from softdyn.dynamics.stops import Stops
-from softdyn.statics.equilibrium import ROUNDING, Equilibrium, NoEquilibrium, potential
+from softdyn.statics.equilibrium import (
+    ROUNDING,
+    Equilibrium,
+    NoEquilibrium,
+    potential,
+    residual,
+    symmetric,
+)
 
 TOLERANCE = 1e-10  # residual over the largest force
 LARGEST_STEP = 0.3  # largest motion of a joint in one iteration (rad, m), to stay in the basin
@@ -48,7 +55,7 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
     stops = Stops.of(model)
     q = _placed(model, model.q0 if start is None else start)
     damping = 1e-3
-    energy = potential(model, q, u)
+    work, energy = _Work(model, u), potential(model, q, u)
     for _ in range(ITERATIONS):
         here = _forces(model, q, u)
         free = np.flatnonzero(~here.held)
@@ -60,10 +67,9 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
             if escape is None:
                 return _equilibrium(model, u, here, H)
             step[free] = escape
-            q = min(
-                (move(model, q, part * step) for part in (0.05, -0.05)),
-                key=lambda x: potential(model, x, u),
-            )
+            sides = [(move(model, q, part * step), part * step) for part in (0.05, -0.05)]
+            changes = [work.change(q, after, turn, energy) for after, turn in sides]
+            q = sides[int(np.argmin(changes))][0]
             energy = potential(model, q, u)
             continue
         W = np.abs(np.diag(block)) + 1e-6 * np.abs(block).max()
@@ -71,7 +77,7 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
             step[free] = _newton(block, here.r[free], damping * W)
             step = stops.clip(model.coordinates(q), _limited(step))
             after = model.integrate(q, step)
-            change = potential(model, after, u) - energy
+            change = work.change(q, after, step, energy)
             predicted = step @ here.r + step @ H @ step / 2
             rounding = 1e-13 * (abs(energy) + here.scale)
             if abs(predicted) <= rounding:  # the change is only rounding: compare residuals
@@ -234,7 +240,7 @@ class Forces(NamedTuple):
     """The forces at a shape at rest."""
 
     state: State
-    r: np.ndarray  # (nv,) K + g - B u - friction
+    r: np.ndarray  # (nv,) K + g - F - B u - friction
     scale: float  # size of the forces in r
     stops: np.ndarray  # (nv,) force of the stops
     held: np.ndarray  # (nv,) bool, joints that a stop holds
@@ -245,6 +251,26 @@ class Forces(NamedTuple):
         return float(np.abs(self.r - self.stops).max(initial=0.0))
 
 
+class _Work:
+    """The change of the potential along a step.
+
+    If a force of one's own has no potential, it is the work against all forces along the step, by
+    Simpson's rule.
+    """
+
+    def __init__(self, model: SoftModel, u: np.ndarray) -> None:
+        self._model, self._u = model, u
+        self._conserves = model.conserves
+
+    def change(self, q: np.ndarray, after: np.ndarray, step: np.ndarray, energy: float) -> float:
+        """Π(after) - energy (J) for the step (nv,) from q, where Π is the energy."""
+        if self._conserves:
+            return potential(self._model, after, self._u) - energy
+        middle = self._model.integrate(q, step / 2)
+        first, half, last = (residual(self._model, x, self._u) for x in (q, middle, after))
+        return float(step @ (first + 4 * half + last)) / 6
+
+
 # -- inside --------------------------------------------------------------------------------------
 
 
@@ -252,9 +278,11 @@ def _forces(
     model: SoftModel, q: np.ndarray, u: np.ndarray, friction: FrictionAtRest | None = None
 ) -> Forces:
     state = model.state(q, np.zeros(model.nv))
-    r = state.K + state.bias - state.B @ u
+    r = state.h - state.B @ u
     # each cable counts alone, because cables that pull against each other sum up to rounding
     forces = [state.K, state.bias, np.abs(state.B) @ np.abs(u)]
+    if model.forces:
+        forces.append(state.F)
     if friction is not None:
         forces.append(friction.forces(state))
         r -= forces[-1]
@@ -295,16 +323,18 @@ def _limited(step: np.ndarray) -> np.ndarray:
 def _newton(H: np.ndarray, r: np.ndarray, damping: np.ndarray) -> np.ndarray:
     """-(H + diag(damping))⁻¹ r, with more damping if this matrix is not positive definite.
 
+    Of a matrix that is not symmetric, the symmetric part decides: then -r · step > 0.
     A joint without any stiffness, such as a hoist's, has the step of a small one along its force.
     """
-    W = np.diag(damping)
+    W, solve, even = np.diag(damping), np.linalg.solve, symmetric(H)
     shift = 0.0
     least = max(np.abs(H).max(initial=0.0), LEAST_STIFFNESS * np.abs(r).max(initial=0.0), 1e-300)
     size = np.abs(np.diag(H)) + 1e-6 * least
     while True:
         with suppress(np.linalg.LinAlgError):
-            L = np.linalg.cholesky(H + W + np.diag(shift * size))
-            step = -np.linalg.solve(L.T, np.linalg.solve(L, r))
+            whole = H + W + np.diag(shift * size)
+            L = np.linalg.cholesky(whole if even else (whole + whole.T) / 2)
+            step = -(np.linalg.solve(L.T, np.linalg.solve(L, r)) if even else solve(whole, r))
             if np.isfinite(step).all():
                 return step
         shift = max(2 * shift, 1e-3)
@@ -313,8 +343,17 @@ def _newton(H: np.ndarray, r: np.ndarray, damping: np.ndarray) -> np.ndarray:
 def _downhill(H: np.ndarray, scale: float) -> np.ndarray | None:
     """A direction of negative curvature, scaled to a largest entry of 1; None at a minimum.
 
-    A curvature within the rounding of forces of this scale counts as none.
+    A curvature within the rounding of forces of this scale counts as none. For a matrix that is not
+    symmetric it is a direction of a real negative eigenvalue, in which the robot would leave.
     """
+    if not symmetric(H):
+        found, columns = np.linalg.eig(H)
+        found = np.where(np.abs(found.imag) <= 1e-9 * np.abs(found), found.real, np.inf)
+        k = int(found.argmin())
+        if found[k] >= -max(1e-9 * np.abs(H).max(), ROUNDING * scale):
+            return None
+        away = columns[:, k].real
+        return away / np.abs(away).max()
     try:
         np.linalg.cholesky(H)
         return None

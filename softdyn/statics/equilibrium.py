@@ -1,12 +1,14 @@
 """An equilibrium under given inputs: its forces, stiffness and stability.
 
-At rest M q̈ + C q̇ + D q̇ + K + g = B u becomes r(q, u) = K + g - B u = 0. r is the gradient of the
-potential Π = U(q) + U_s(q) - Σ gear u ℓ(q). A joint at a limit may be pressed against it:
+At rest M q̈ + C q̇ + D q̇ + K + g = B u + F becomes r(q, u) = K + g - F - B u = 0. r is the gradient
+of the potential Π = U(q) + U_s(q) + U_F(q) - Σ gear u ℓ(q), if all forces F of one's own have a
+potential. A joint at a limit may be pressed against it:
 
     r_i = 0 inside,   r_i ≥ 0 at the lower limit,   r_i ≤ 0 at the upper one.
 
 These are the stationary points of Π between the limits. The stable ones are its minima: the Hessian
-∂r/∂q is positive definite on the free joints.
+∂r/∂q is positive definite on the free joints. With a force that has no potential, ∂r/∂q is not
+symmetric. A stable equilibrium then has all poles of its linear motion left of the imaginary axis.
 """
 
 from __future__ import annotations
@@ -20,11 +22,12 @@ from scipy.linalg import eigvals
 
 from softdyn.checks import array, instance
 from softdyn.copies import Frozen
-from softdyn.dynamics.derivatives import tendon_forces
+from softdyn.dynamics.derivatives import tendon_forces, total_damping
 from softdyn.dynamics.model import SoftModel, State, check_model
 from softdyn.exceptions import InputError, SoftdynError
 
 ROUNDING = 1e-12  # of the forces, over a radian or a metre; a stiffness below it is rounding
+SKEW = 1e-7  # of a stiffness; less is rounding, also that of a force's central differences
 NO_ROOM = 1e-6  # of an input's bounds; a narrower range counts as none
 
 
@@ -66,7 +69,7 @@ class Equilibrium(Frozen):
     limit_forces : ndarray, (nv,)
         Force of the stops on the joints (N m, N), zero on free joints.
     stiffness : ndarray, (nv, nv)
-        Tangent stiffness ∂(K + g - B u)/∂q.
+        Tangent stiffness ∂(K + g - F - B u)/∂q.
     """
 
     model: SoftModel
@@ -100,38 +103,59 @@ class Equilibrium(Frozen):
     @cached_property
     def residual(self) -> float:
         """Largest unbalanced force (N m, N)."""
-        r = self.state.K + self.state.g - self.state.B @ self.u - self.limit_forces
+        r = self.state.h - self.state.B @ self.u - self.limit_forces
         return float(np.abs(r).max(initial=0.0))
 
     @cached_property
     def eigenvalues(self) -> np.ndarray:
-        """Eigenvalues of the tangent stiffness on the free joints, ascending (N m/rad, N/m)."""
+        """Eigenvalues of the tangent stiffness on the free joints, ascending (N m/rad, N/m).
+
+        They are the real parts, ascending, if a force without a potential makes some complex.
+        """
         free = ~self.held
-        return np.linalg.eigvalsh(self.stiffness[np.ix_(free, free)])
+        block = self.stiffness[np.ix_(free, free)]
+        return np.linalg.eigvalsh(block) if symmetric(block) else np.sort(eigvals(block).real)
 
     @property
     def stable(self) -> bool:
-        """Whether the potential has a strict minimum here, between the joint limits."""
+        """Whether the potential has a strict minimum here, between the joint limits.
+
+        Without a potential it is whether all poles have a negative real part.
+        """
         values = self.eigenvalues
-        return bool(values.size == 0 or values[0] > self.rounding)
+        if self._conservative:
+            return bool(values.size == 0 or values[0] > self.rounding)
+        return bool(self.poles[0].real < 0 and abs(values).min() > self.rounding)
+
+    @property
+    def _conservative(self) -> bool:
+        free = ~self.held
+        return symmetric(self.stiffness[np.ix_(free, free)])
 
     @property
     def neutral(self) -> bool:
         """Whether the smallest stiffness is zero, as of a hoist whose input carries its load."""
         values = self.eigenvalues
+        if not self._conservative:
+            values = values[np.argsort(np.abs(values))]
         return bool(values.size and abs(values[0]) <= self.rounding)
 
     @property
     def unstable(self) -> bool:
-        """Whether the potential falls in some direction."""
+        """Whether the potential falls in some direction, or a pole is on the right."""
         return not (self.stable or self.neutral)
 
     @property
     def loose(self) -> np.ndarray:
         """Orthonormal columns (nv, any) that span the free directions without stiffness."""
         free = np.flatnonzero(~self.held)
-        values, vectors = np.linalg.eigh(self.stiffness[np.ix_(free, free)])
-        found = vectors[:, np.abs(values) <= self.rounding]
+        block = self.stiffness[np.ix_(free, free)]
+        if symmetric(block):
+            values, vectors = np.linalg.eigh(block)
+            found = vectors[:, np.abs(values) <= self.rounding]
+        else:
+            _, values, rows = np.linalg.svd(block)
+            found = rows[values <= self.rounding].T
         columns = np.zeros((len(self.held), found.shape[1]))
         columns[free] = found
         return columns
@@ -150,19 +174,23 @@ class Equilibrium(Frozen):
     @property
     def _forces(self) -> float:
         """The largest force on a joint (N m, N)."""
-        parts = (self.state.K, self.state.bias, np.abs(self.state.B) @ np.abs(self.u))
+        state = self.state
+        parts = (state.K, state.bias, state.F, np.abs(state.B) @ np.abs(self.u))
         return max(float(np.abs(part).max(initial=0.0)) for part in parts)
 
     @cached_property
     def poles(self) -> np.ndarray:
-        """Poles s (1/s) of M δq̈ + D δq̇ + ∂r/∂q δq = 0 on the free joints, rightmost first."""
+        """Poles s (1/s) of M δq̈ + D δq̇ + ∂r/∂q δq = 0 on the free joints, rightmost first.
+
+        D contains the damping -∂F/∂q̇ of one's own forces.
+        """
         free = np.flatnonzero(~self.held)
         block = np.ix_(free, free)
         n = len(free)
-        inverse = np.linalg.inv(self.state.M[block])
+        inverse, D = np.linalg.inv(self.state.M[block]), total_damping(self.state)[block]
         A = np.zeros((2 * n, 2 * n))
         A[:n, n:] = np.eye(n)
-        A[n:, :n], A[n:, n:] = -inverse @ self.stiffness[block], -inverse @ self.state.D[block]
+        A[n:, :n], A[n:, n:] = -inverse @ self.stiffness[block], -inverse @ D
         found = eigvals(A)
         return found[np.argsort(-found.real)]
 
@@ -174,7 +202,8 @@ class Equilibrium(Frozen):
         result = np.zeros_like(self.stiffness)
         largest = np.abs(self.eigenvalues).max(initial=0.0)
         rcond = max(1e-14, ROUNDING * self._forces / largest) if largest else 1e-14
-        result[block] = np.linalg.pinv(self.stiffness[block], rcond=rcond, hermitian=True)
+        hermitian = symmetric(self.stiffness[block])
+        result[block] = np.linalg.pinv(self.stiffness[block], rcond=rcond, hermitian=hermitian)
         return result
 
     @property
@@ -222,6 +251,11 @@ class RankedEquilibria(Frozen):
         return next((one for one in self.found if one.stable), None)
 
 
+def symmetric(H: np.ndarray) -> bool:
+    """Whether a stiffness is symmetric but for rounding, so that the forces have a potential."""
+    return bool(np.abs(H - H.T).max(initial=0.0) <= SKEW * np.abs(H).max(initial=0.0))
+
+
 def locked_inputs(model: SoftModel) -> np.ndarray:
     """Inputs (nu,) bool whose bounds leave them one value, such as a preload."""
     size = np.maximum(np.abs(check_model(model).u_min), np.abs(model.u_max))
@@ -229,7 +263,7 @@ def locked_inputs(model: SoftModel) -> np.ndarray:
 
 
 def residual(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """r(q, u) = K + g - B u (nv,), the gradient of `potential` (N m, N).
+    """r(q, u) = K + g - F - B u (nv,), the gradient of `potential` (N m, N).
 
     Parameters
     ----------
@@ -239,10 +273,13 @@ def residual(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
         Input.
     """
     state = check_model(model).state(q, np.zeros(model.nv))
-    return state.K + state.bias - state.B @ array("u", u, (model.nu,))
+    return state.h - state.B @ array("u", u, (model.nu,))
 
 
 def potential(model: SoftModel, q: np.ndarray, u: np.ndarray) -> float:
-    """Π = U + U_s - Σ gear u ℓ (J); its minima are the stable equilibria under constant inputs."""
+    """Π = U + U_s + U_F - Σ gear u ℓ (J); its minima are stable equilibria under constant inputs.
+
+    U_F is the energy of those forces of one's own that have one.
+    """
     forces = tendon_forces(model, array("u", u, (check_model(model).nu,)))
     return model.potential_energy(q) - float(forces @ model.tendon_lengths(q))

@@ -121,7 +121,7 @@ def balancing_input(model: SoftModel, q: np.ndarray) -> np.ndarray:
     free = np.flatnonzero(~locked)
     if free.size:
         state = model.state(q, np.zeros(model.nv))
-        goal = state.K + state.g - state.B @ np.where(locked, u, 0.0)
+        goal = state.h - state.B @ np.where(locked, u, 0.0)
         B = state.B if free.size == model.nu else state.B[:, free]
         bounds = (model.u_min[free], model.u_max[free])
         u[free] = lsq_linear(B, goal, bounds, method="bvls").x

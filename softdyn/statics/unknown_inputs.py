@@ -154,7 +154,7 @@ class _Residual:
         model = problem.model
         coordinates, u = problem.values(x)
         state = model.state(model.configuration(coordinates), np.zeros(model.nv))
-        r = state.K + state.bias - state.B @ u
+        r = state.h - state.B @ u
         r[problem.locked] = 0.0  # their stops take any force
         if softness:
             r -= problem.repulsion(coordinates, softness)[0]

@@ -425,6 +425,13 @@ BLOCK = [
            'attribute version="…"', "none"),
     Misuse("unsupported version", ('<softdyn version="1">', '<softdyn version="2">'), "<softdyn>",
            'version="1"', "'2'"),
+    Misuse("gravity of two numbers", (
+           '<softdyn version="1">', '<softdyn version="1" gravity="0 -9.81">'), "<softdyn>",
+           "three numbers as gravity", "'0 -9.81'"),
+    Misuse("two gravities", (
+           '<softdyn version="1">', '<mujoco><option gravity="0 0 -9.81"/></mujoco>'
+           '<softdyn version="1" gravity="0 0 -1.6">'), "<softdyn>",
+           "one gravity", "(0.0, 0.0, -1.6), and 0 0 -9.81 for another tool"),
     Misuse("version 1.0", ('<softdyn version="1">', '<softdyn version="1.0">'), "<softdyn>",
            'version="1"', "'1.0'", row=False),
     Misuse("unknown element in the block", inside('<spring name="bend"/>'),

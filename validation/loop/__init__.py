@@ -2,6 +2,7 @@
 
 - `loop`: `ControlLoop`, one control period at a time; every run steps it
 - `plants`: the contract of what a loop moves, and the simulated plants
+- `model_plant`: the analytic model as the plant
 - `closed_loop`: `ClosedLoop`, a loop with a reference, a planned time and a record
 - `settings`: `RunOptions`, the settings of a run, declared once
 - `arguments`: checks of a run's model, controller, reference and start

@@ -15,6 +15,7 @@ from softdyn.exceptions import errors_in
 from softdyn.safety import Surroundings
 from softdyn.validation.channels import goals
 from softdyn.validation.loop.experiment import ROLLOUT
+from softdyn.validation.loop.logged_robot import OPTIONAL
 from softdyn.validation.plain_data import LARGEST
 
 FORMAT = "softdyn-log-5"
@@ -144,10 +145,12 @@ def _is_source(value: Any) -> bool:
     texts = {"path", "text", "annotations", "digest"}
     return (
         isinstance(value, dict)
-        and set(value) == {*texts, "floating", "bundled"}
+        and set(value) - {*OPTIONAL} == {*texts, "floating", "bundled"}
         and all(_is_text(value[name]) for name in texts)
         and _is_flag(value["floating"])
         and (value["bundled"] is None or _is_text(value["bundled"]))
+        and isinstance(value.get("basis", {}), dict)
+        and isinstance(value.get("gravity", []), list)
     )
 
 

@@ -7,7 +7,7 @@ import io
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -189,7 +189,7 @@ def load_recording(path: str | Path, model: SoftModel) -> dict[str, Any]:
         "omega": None, "duration": float(t[-1] - t[0]), "period": period, "timestep": period,
         "length": model.robot.length or None, "contacts": False, "complete": True, "failed": False,
         "reason": None, "not_solved": 0, "fallbacks": 0, "max_bound_violation": 0.0, "gains": None,
-        "versions": {}, "source": asdict(LoggedRobot.of(model)), "plant": Path(path).name,
+        "versions": {}, "source": LoggedRobot.of(model).table, "plant": Path(path).name,
         "marks": [], "obstacles": None, "start": "", "record": {},
     }  # fmt: skip
     return _checked(path, channels, about)
@@ -204,7 +204,7 @@ def _settings(log: LogData, folder: Path, record: Mapping[str, Any]) -> str:
     about = {f.name: getattr(log, f.name) for f in fields(LogData) if f.name != "channels"}
     about |= {
         "u_min": log.u_min.tolist(), "u_max": log.u_max.tolist(),
-        "source": asdict(log.source) | {"path": path_shown(log.source.path, folder)},
+        "source": log.source.table | {"path": path_shown(log.source.path, folder)},
         "marks": [mark.table for mark in log.marks], "record": written(record, folder),
         "controller": name_shown(log.controller),
     }  # fmt: skip

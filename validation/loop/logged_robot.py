@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from softdyn import InputError, SoftModel
+from softdyn.description.robot import EARTH
+from softdyn.dynamics.reduced import Basis, ReducedModel, reduce
 from softdyn.loading import load_text
+
+OPTIONAL = ("basis", "gravity")  # fields that logs of most robots do not have
 
 
 @dataclass(frozen=True)
@@ -25,6 +32,10 @@ class LoggedRobot:
         Its name, if it was a bundled robot's own file.
     digest : str
         SHA-256 of everything on which the dynamics depend.
+    basis : dict, optional
+        The fields of the `Basis` of a reduced model, with its matrix as rows.
+    gravity : tuple of float, (3,), optional
+        Acceleration of gravity (m/s²), if it is not 0 0 -9.81.
     """
 
     path: str
@@ -33,13 +44,26 @@ class LoggedRobot:
     floating: bool
     bundled: str | None
     digest: str
+    basis: dict[str, Any] | None = None
+    gravity: tuple[float, ...] | None = None
 
     @classmethod
     def of(cls, model: SoftModel) -> LoggedRobot:
         """Return the robot of a model."""
         robot = model.robot
         path = str(robot.path.absolute())
-        return cls(path, robot.text, robot.annotations, robot.floating, model.bundled, robot.digest)
+        basis, inner = None, model
+        if isinstance(model, ReducedModel):
+            basis, inner = vars(model.basis) | {"matrix": model.basis.matrix.tolist()}, model.full
+        return cls(
+            path, robot.text, robot.annotations, robot.floating, inner.bundled, robot.digest, basis,
+            None if robot.gravity == EARTH else robot.gravity,
+        )  # fmt: skip
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """The fields as plain data, without optional ones that are not there."""
+        return {name: value for name, value in vars(self).items() if name not in OPTIONAL or value}
 
     def model(self) -> SoftModel:
         """Build the model from this text.
@@ -55,8 +79,11 @@ class LoggedRobot:
             raise InputError("log", "the text of its robot's file", "none")
         found = load_text(
             self.text, self.annotations, path=self.path, floating=self.floating,
-            bundled=self.bundled,
+            bundled=self.bundled, gravity=self.gravity,
         )  # fmt: skip
+        if self.basis is not None:
+            rows, joints, names = (self.basis[part] for part in ("matrix", "joints", "names"))
+            found = reduce(found, Basis(np.array(rows), tuple(joints), tuple(names)))
         self.check(found, "the text of the log's robot")
         return found
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-import softdyn
 from softdyn import InputError, SoftModel, State
 from softdyn.controllers.channels import LogChannel
 from softdyn.controllers.registry import find_controller, is_own, one_line_errors
+from softdyn.dynamics.reduced import rebuild
 from softdyn.estimation import Ekf, Observer
 from softdyn.exceptions import errors_in
 from softdyn.validation.loop.plants import Plant
@@ -126,7 +126,7 @@ def make_observer(model: SoftModel, rig: Rig | str | None, observer: Observer | 
     given = rig_of(rig)
     if given is None:
         raise InputError("observer", 'a rig with sensors, such as rig="file"', "none")
-    rigged = softdyn.build(given.robot(model.robot), model.bundled)
+    rigged = rebuild(model, given.robot(model.robot))
     if is_own(observer):
         with one_line_errors(observer, "an observer"):
             return _check(find_controller(observer)(rigged))

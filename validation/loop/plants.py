@@ -14,7 +14,8 @@ from softdyn.controllers.channels import LogChannel
 from softdyn.controllers.controller import IDEAL, KnownRig
 from softdyn.copies import Separate
 from softdyn.safety import Surroundings
-from softdyn.validation.loop.settings import RunOptions
+from softdyn.validation.loop.model_plant import model_plant
+from softdyn.validation.loop.settings import MODEL, RunOptions
 from softdyn.validation.twin.integrators import Integrator
 from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.rig import RiggedPlant, cable_friction, rig_of
@@ -177,6 +178,8 @@ def plant_of(model: SoftModel, options: RunOptions, period: float, timestep: flo
         Options that exclude each other, a scene of another robot.
     """
     own, rig, around = options.plant, rig_of(options.rig), options.surroundings
+    if isinstance(own, str) and own == MODEL:
+        return model_plant(model, options, period, timestep)
     if isinstance(own, MappedPlant | Plant):
         others = {
             "rig": rig is not None,
@@ -213,7 +216,8 @@ def plant_of(model: SoftModel, options: RunOptions, period: float, timestep: flo
         return RiggedPlant(rig, model, period, around=around, **twin)
     make = own if own is not None and own is not errors else errors.twin
     if not callable(make):
-        raise InputError("plant", "PlantErrors, a Scene(model, FILE), or what makes a Twin", own)
+        expected = f'"{MODEL}", PlantErrors, a Scene(model, FILE), or what makes a Twin'
+        raise InputError("plant", expected, own)
     engine = make(model.robot, **twin)
     known = KnownRig(friction=cable_friction(model.robot)) if twin["friction"] else IDEAL
     return IdealPlant(engine, StateMap(model, engine), twin["contacts"], known=known, around=around)

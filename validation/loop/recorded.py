@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from softdyn import InputError
 from softdyn.validation.files import read_json
 from softdyn.validation.loop.log import Log
-from softdyn.validation.loop.logged_robot import LoggedRobot
+from softdyn.validation.loop.logged_robot import OPTIONAL, LoggedRobot
 from softdyn.validation.loop.provenance import found, path_from
 from softdyn.validation.loop.repeat import Repetition, compare_runs, found_file, record_in
 
@@ -60,7 +60,9 @@ class RecordedRun:
         content = read_json(path, CASE)
         whole: Any = content.get("record")
         try:
-            robot = {field.name: whole["robot"][field.name] for field in fields(LoggedRobot)}
+            said = whole["robot"]
+            names = (n for n in LoggedRobot.__match_args__ if n not in OPTIONAL or n in said)
+            robot = {name: said[name] for name in names}
             robot["path"] = path_from(robot["path"], path.parent)
             source, record = LoggedRobot(**robot), found(record_in(whole, str(path)), path.parent)
         except (KeyError, TypeError):

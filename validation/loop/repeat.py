@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-import softdyn
 from softdyn import InputError, SoftModel
+from softdyn.dynamics.reduced import rebuild
 from softdyn.formats import KEY, RECORD, check_format
 from softdyn.validation.loop.arguments import nowhere
 from softdyn.validation.loop.log_data import LogData
@@ -95,7 +95,7 @@ def _plain(value: Any, statement: Statement) -> dict[str, Any]:
 
 def whole_record(log: LogData) -> dict[str, Any]:
     """The record of a log with the robot's text, gains and versions, and with absolute paths."""
-    robot = {**log.record.get("robot", {}), **asdict(log.source)}
+    robot = {**log.record.get("robot", {}), **log.source.table}
     return {**log.record, **{name: getattr(log, name) for name in OF_LOG}, "robot": robot}
 
 
@@ -151,7 +151,7 @@ def experiment_of(
     models, settings = {ROBOT: model}, record["settings"]
     remaking = Remaking(models, partial(found_file, folder=folder))
     rig = rig_of(RunOptions.of({"rig": remaking.of(settings["rig"])}).rig)
-    models[RIG] = model if rig is None else softdyn.build(rig.robot(model.robot), model.bundled)
+    models[RIG] = model if rig is None else rebuild(model, rig.robot(model.robot))
     made = {name: remaking.of(value) for name, value in settings.items() if value is not None}
     return {
         "model": model, "controller": remaking.of(record["controller"]),

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from softdyn.safety import Surroundings
     from softdyn.validation.twin.rig import Rig
 
+MODEL = "model"  # the word of `plant` for the analytic model itself
 SCENE = "file"  # the key of a user's MJCF in a table of `plant`
 DECLARED = "setting"  # the key of a field's metadata
 Check = Callable[[str, Any], Any]
@@ -223,8 +224,9 @@ class RunOptions:
         Whether the plant's links can touch.
     friction : bool
         Whether the plant has the file's dry friction of joints, and of cables on their guides.
-    plant : PlantErrors, MappedPlant, Plant or Callable[..., Twin], optional
-        By default the twin. Otherwise the twin with some errors; a user's MJCF as a
+    plant : str, PlantErrors, MappedPlant, Plant or Callable[..., Twin], optional
+        By default the twin. Otherwise ``"model"``, the analytic model itself, integrated by
+        `softdyn.dynamics.integrators.ModelMotion`; the twin with some errors; a user's MJCF as a
         `softdyn.validation.Scene`, whose own contacts and friction hold, and its step if that
         divides the period; a `softdyn.validation.loop.plants.Plant`; or what makes the twin, called
         as `Twin` with the robot, timestep, contacts and friction.
@@ -271,8 +273,8 @@ class RunOptions:
         _flag, "with the file's dry friction of joints, and of cables", action="store_true",
     ))  # fmt: skip
     plant: Any = field(default=None, metadata=setting(
-        _any, "an MJCF of your own that replaces the twin", of=_plant_of,
-        table=_plant_table, metavar="FILE",
+        _any, "an MJCF that replaces the twin, or the word model for the analytic model",
+        of=_plant_of, table=_plant_table, metavar="FILE",
     ))  # fmt: skip
     rig: Rig | str | None = field(default=None, metadata=setting(
         _rig, "with the rig of the robot's file; FILE changes it", of=_rig_of, table=_rig_table,

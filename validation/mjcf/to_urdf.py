@@ -102,10 +102,10 @@ def to_urdf(
             joints.append(Joint(f"{child}_weld", "fixed", link_of[frame.part], child, place))
     tendons = list(_tendons(source, link_of, lost))
     actuators = tuple(_actuators(source, tendons, lost))
-    if float(np.linalg.norm(source.gravity - [0, 0, -9.81])) > 1e-9:
-        lost.append(f"gravity {source.gravity}: a URDF has 0 0 -9.81")
+    x, y, z = source.gravity.tolist()
     robot = Robot(
         name, tuple(links), tuple(joints), tuple(tendons), actuators, floating=floating,
+        gravity=(x, y, z),
         comment=f" {name}, written by softdyn from {source.path.name} ",
     )  # fmt: skip
     return Converted(replace(robot, task=deepest_leaf(robot)), tuple(lost))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -11,6 +11,9 @@ import numpy as np
 
 from softdyn import InputError
 from softdyn.checks import did_you_mean, instance, number
+from softdyn.description.inertia import Inertia, Origin
+from softdyn.description.rig import Actuator
+from softdyn.description.robot import Robot, moving_link_of
 from softdyn.validation.twin.twin import Twin
 
 Factors = float | Mapping[str, float]
@@ -112,6 +115,62 @@ class PlantErrors:
         return twin
 
 
+def altered_robot(errors: PlantErrors, robot: Robot) -> Robot:
+    """A robot with the masses, springs and dampers, and the payload of these errors.
+
+    The other differences are not numbers of a file. Stops, contacts and friction stay.
+
+    Raises
+    ------
+    InputError
+        A factor of a joint that the robot does not have.
+    """
+    if (errors.mass, errors.stiffness, errors.damping, errors.payload) == (1.0, 1.0, 1.0, 0.0):
+        return robot
+    joints = [joint.name for joint in robot.moving_joints]
+    (masses, weight), (springs, stiffness), (dampers, damping) = (
+        _factors(name, getattr(errors, name), joints) for name in BY_JOINT
+    )
+    moved_by = {joint.child: joint.name for joint in robot.moving_joints}
+    carrier = moving_link_of(robot)
+    load = Inertia(errors.payload, np.zeros(3), np.zeros((3, 3)))
+    links = []
+    for link in robot.links:
+        factor = masses.get(moved_by.get(carrier[link.name], ""), weight)
+        moments = tuple(factor * moment for moment in link.moments)
+        link = replace(link, mass=factor * link.mass, moments=moments)
+        if errors.payload and link.name == robot.task:
+            body = link.inertia + load
+            x, y, z = body.com.tolist()
+            about = Origin((x, y, z))
+            link = replace(link, mass=body.mass, moments=body.moments, origin=about)
+        links.append(link)
+    return replace(
+        robot,
+        links=tuple(links),
+        joints=tuple(
+            replace(
+                joint, stiffness=springs.get(joint.name, stiffness) * joint.stiffness,
+                damping=dampers.get(joint.name, damping) * joint.damping,
+            )
+            for joint in robot.joints
+        ),
+        tendons=tuple(
+            replace(one, stiffness=stiffness * one.stiffness, damping=damping * one.damping)
+            for one in robot.tendons
+        ),
+    )  # fmt: skip
+
+
+def altered_motor(errors: PlantErrors, one: Actuator) -> Actuator:
+    """A motor whose cable has the springs and dampers of these errors."""
+    stiffness, damping = (
+        factors.get(EACH, 1.0) if isinstance(factors, Mapping) else factors
+        for factors in (errors.stiffness, errors.damping)
+    )
+    return replace(one, stiffness=stiffness * one.stiffness, damping=damping * one.damping)
+
+
 def multiplied(factors: Factors, by: float) -> Factors:
     """`factors` of `PlantErrors`, all multiplied by a number."""
     if isinstance(factors, Mapping):
@@ -121,14 +180,19 @@ def multiplied(factors: Factors, by: float) -> Factors:
 
 def _by_joint(name: str, factors: Factors, model: mujoco.MjModel) -> tuple[np.ndarray, float]:
     """The factor of each joint (joints,), and that of everything else."""
-    if not isinstance(factors, Mapping):
-        return np.full(model.njnt, factors), factors
     joints = [model.joint(k).name for k in range(model.njnt)]
+    found, other = _factors(name, factors, joints)
+    return np.array([found.get(joint, other) for joint in joints]), other
+
+
+def _factors(name: str, factors: Factors, joints: list[str]) -> tuple[Mapping[str, float], float]:
+    """The factors by joint, and that of everything else."""
+    if not isinstance(factors, Mapping):
+        return {}, factors
     for joint in factors:
         if joint != EACH and joint not in joints:
             raise InputError(name, "names of joints", did_you_mean(joint, joints))
-    other = factors.get(EACH, 1.0)
-    return np.array([factors.get(joint, other) for joint in joints]), other
+    return factors, factors.get(EACH, 1.0)
 
 
 def _load(model: mujoco.MjModel, body: int, point: np.ndarray, mass: float) -> None:

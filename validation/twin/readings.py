@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import mujoco
@@ -27,17 +28,13 @@ def command_units(robot: Robot) -> tuple[str, ...]:
     return tuple(units)
 
 
-class Readings:
-    """Readings of the sensors of a twin with a rig.
-
-    MuJoCo evaluates a sensor at its rate and delays it. A reading is then composed: the tension is
-    that of the inputs, and of the tendon's own spring and damper; a pose is a position and a
-    rotation vector. Bias and noise are added to each new reading, which is then rounded.
+class NoisyReadings(ABC):
+    """Readings of a plant's sensors: bias and noise on each new one, which is then rounded.
 
     Parameters
     ----------
-    twin : Twin
-        A twin made with ``rig=True``.
+    sensors : sequence of Sensor
+        The sensors.
     seed : int or sequence of int
         Seed of the noise.
 
@@ -47,19 +44,11 @@ class Readings:
         Names and rows of the readings.
     """
 
-    def __init__(self, twin: Twin, seed: int | Sequence[int]) -> None:
-        self._twin, self.sensors = twin, twin.robot.sensors
+    def __init__(self, sensors: Sequence[Sensor], seed: int | Sequence[int]) -> None:
+        self.sensors = tuple(sensors)
         layout = self.layout = ReadingLayout(self.sensors)
         self.names = layout.names
         self._random = np.random.default_rng(seed)
-        model = twin.model
-        self._parts = [
-            [
-                int(model.sensor(part_name(sensor, k)).adr[0])
-                for k in range(len(parts(twin.robot, sensor)))
-            ]
-            for sensor in self.sensors
-        ]
         self._noise, self._bias, self._step = (
             layout.field(name) for name in ("noise", "bias", "resolution")
         )
@@ -86,6 +75,37 @@ class Readings:
         if not self.sensors:
             return components
         return np.logical_or.reduceat(components, self._begins)[self.layout.owners]
+
+    @abstractmethod
+    def ideal(self) -> np.ndarray:
+        """The readings (k,) without noise, bias and rounding."""
+
+
+class Readings(NoisyReadings):
+    """Readings of the sensors of a twin with a rig.
+
+    MuJoCo evaluates a sensor at its rate and delays it. A reading is then composed: the tension is
+    that of the inputs, and of the tendon's own spring and damper; a pose is a position and a
+    rotation vector.
+
+    Parameters
+    ----------
+    twin : Twin
+        A twin made with ``rig=True``.
+    seed : int or sequence of int
+        Seed of the noise.
+    """
+
+    def __init__(self, twin: Twin, seed: int | Sequence[int]) -> None:
+        super().__init__(twin.robot.sensors, seed)
+        self._twin, model = twin, twin.model
+        self._parts = [
+            [
+                int(model.sensor(part_name(sensor, k)).adr[0])
+                for k in range(len(parts(twin.robot, sensor)))
+            ]
+            for sensor in self.sensors
+        ]
 
     def ideal(self) -> np.ndarray:
         """The readings (k,) without noise, bias and rounding, after `mj_forward`."""

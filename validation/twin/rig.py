@@ -24,7 +24,7 @@ from softdyn.safety import Surroundings
 from softdyn.toml_table import TomlTable
 from softdyn.validation.channels import inputs, positions, rates
 from softdyn.validation.twin.plant_errors import PlantErrors
-from softdyn.validation.twin.readings import Readings, command_units
+from softdyn.validation.twin.readings import NoisyReadings, Readings, command_units
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.touch import Touch
 from softdyn.validation.twin.twin import Twin
@@ -312,7 +312,7 @@ class RiggedPlant(Separate):
     ----------
     twin : Twin
         The plant.
-    readings : Readings
+    readings : NoisyReadings
         Its sensors.
     channels : tuple of LogChannel
         The quantities that it records.
@@ -340,13 +340,10 @@ class RiggedPlant(Separate):
         around: Surroundings | None = None,
         **options: Any,
     ) -> None:
-        robot = rig.robot(model.robot)
-        self.settings = {"contacts": options.get("contacts", False) or rig.plant.contacts}
-        self.twin: Twin = rig.plant.twin(robot, rig=True, **options)
-        self._states, self._model = StateMap(model, self.twin), model
-        self.readings = Readings(self.twin, (rig.seed, SENSOR_STREAM))
+        robot, self._model = rig.robot(model.robot), model
+        self.touch: Touch | None = None
         self._winches, self._period = Winches(model, robot.actuators), period
-        self._drivers = Drivers(robot, self.twin.model.opt.timestep)
+        self._drivers, friction = self._build(rig, robot, around, options)
         self._errors = _Errors(rig, model, period) if rig.noise > 0 or rig.bias > 0 else None
         self.alters_states = self._errors is not None or rig.latency > 0
         for name in ("lag", "delay", "latency"):
@@ -355,7 +352,7 @@ class RiggedPlant(Separate):
         self.known = KnownRig(
             max((actuator.lag for actuator in robot.actuators), default=0.0),
             max((actuator.delay for actuator in robot.actuators), default=0.0),
-            cable_friction(robot) if self.twin.cable_friction is not None else None,
+            friction,
         )
         late = round(rig.latency / period)
         self.lateness = late * period
@@ -369,9 +366,30 @@ class RiggedPlant(Separate):
             LogChannel.of("q_seen", positions(model), held=True),
             LogChannel.of("v_seen", rates(model), held=True),
         )
-        self.touch = Touch.of(self.twin, around)
         if self.touch is not None:
             self.channels += (self.touch.channel,)
+
+    def _build(
+        self, rig: Rig, robot: Robot, around: Surroundings | None, options: dict[str, Any]
+    ) -> tuple[Drivers, np.ndarray | None]:
+        """What moves, with its readings; the drivers, and the friction (tendons,) of cables."""
+        self.settings = {"contacts": options.get("contacts", False) or rig.plant.contacts}
+        self.twin: Twin = rig.plant.twin(robot, rig=True, **options)
+        self._states = StateMap(self._model, self.twin)
+        self.readings: NoisyReadings = Readings(self.twin, (rig.seed, SENSOR_STREAM))
+        self.touch = Touch.of(self.twin, around)
+        rubs = self.twin.cable_friction is not None
+        return Drivers(robot, self.twin.model.opt.timestep), cable_friction(robot) if rubs else None
+
+    def _begin(self, q: np.ndarray, v: np.ndarray, t: float) -> None:
+        self.twin.set_state(*self._states.to_twin(q, v), t)
+
+    def _hold(self, lengths: np.ndarray) -> None:
+        """Begin with `command`, and with free lengths (nu,), that have acted for long."""
+        self.twin.hold(self.command, lengths)
+
+    def _move(self, commands: np.ndarray, steps: int) -> None:
+        self.twin.advance(commands, steps)
 
     def start(
         self, q: np.ndarray, v: np.ndarray, t: float = 0.0, u: np.ndarray | None = None
@@ -380,13 +398,13 @@ class RiggedPlant(Separate):
 
         By default u is zero, or the bound nearest to it.
         """
-        self.twin.set_state(*self._states.to_twin(q, v), t)
+        self._begin(q, v, t)
         if self.touch is not None:
             self.touch.check_start()
         state = self._model.state(q, v)
         lengths = self._winches.commands(state, self._zero if u is None else u)
         self.command = self.sent = self._drivers.start(lengths)
-        self.twin.hold(self.command, lengths)
+        self._hold(lengths)
         self._past.clear()
         self._commands = np.full(len(lengths), np.nan)
 
@@ -402,9 +420,18 @@ class RiggedPlant(Separate):
 
     def sample(self) -> dict[str, np.ndarray]:
         """The inputs (nu,) that act now, as forces, and the sensors' readings (k,)."""
-        self.twin.refresh()
+        self._refresh()
         touched = {} if self.touch is None else self.touch.sample()
         return {"acting": self.acting, "measured": self.readings()[0], **touched}
+
+    def _refresh(self) -> None:
+        """Compute the quantities of the present state that are recorded."""
+        self.twin.refresh()
+
+    @property
+    def _free(self) -> np.ndarray:
+        """Free length (m) of each winch that a velocity commands, (nu,)."""
+        return self.twin.free_lengths
 
     @property
     def acting(self) -> np.ndarray:
@@ -418,22 +445,22 @@ class RiggedPlant(Separate):
         velocity, that of the present free length. The next `advance` sends the command itself.
         """
         self._commands = np.where(commanded, values, np.nan)
-        lengths = np.where(self._drivers.speeds, self.twin.free_lengths, values)
+        lengths = np.where(self._drivers.speeds, self._free, values)
         return np.where(commanded, self._winches.tensions(seen, lengths), values)
 
     def advance(self, u: np.ndarray, steps: int, seen: State) -> dict[str, np.ndarray]:
         """Integrate under the command for the force u (nu,), which is computed at `seen`."""
         asked, drivers = self._winches.commands(seen, u), self._drivers
         if drivers.speeds.any():
-            change = (asked - self.twin.free_lengths) / self._period
+            change = (asked - self._free) / self._period
             asked = np.where(drivers.speeds, change, asked)
         asked = np.where(np.isnan(self._commands), asked, self._commands)
         self.sent = asked
         if drivers.prompt:
             self.command = asked
-            self.twin.advance(asked, steps)
+            self._move(asked, steps)
             return {"command": asked}
         for _ in range(steps):
             self.command = drivers.step(asked)
-            self.twin.advance(self.command)
+            self._move(self.command, 1)
         return {"command": self.command}

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import mujoco
 
 from softdyn.checks import number
+from softdyn.description.robot import EARTH, Vector
 from softdyn.validation.twin.integrators import Integrator
 
 # MuJoCo's default stops are so soft that a hanging arm sinks centimetres through them, and its
@@ -30,6 +31,8 @@ class Settings:
         The scheme.
     limits, contacts, friction : bool
         Whether joint limits act, links touch, and joints have their dry friction.
+    gravity : tuple of float, (3,)
+        Acceleration of gravity (m/s²).
 
     Raises
     ------
@@ -42,6 +45,7 @@ class Settings:
     limits: bool
     contacts: bool
     friction: bool
+    gravity: Vector = EARTH
 
     def __post_init__(self) -> None:
         number("timestep", self.timestep, above=0.0)
@@ -55,7 +59,7 @@ class Settings:
         compiler.balanceinertia = compiler.fusestatic = compiler.discardvisual = False
         compiler.alignfree = False
         compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
-        option.gravity = (0.0, 0.0, -9.81)
+        option.gravity = self.gravity
         option.density = option.viscosity = 0.0
         option.wind = (0.0, 0.0, 0.0)
         option.solver = mujoco.mjtSolver.mjSOL_NEWTON

@@ -135,7 +135,9 @@ class Twin(Separate):
         self.robot = _robot(source)
         rubs = (rig or friction) and any(tendon.rubs for tendon in self.robot.tendons)
         scheme = integrator_of(integrator)
-        settings = Settings(timestep, scheme, limits, contacts, friction or rubs)
+        settings = Settings(
+            timestep, scheme, limits, contacts, friction or rubs, self.robot.gravity
+        )
         self.floating = self.robot.floating
         text = self.robot.text if self.robot.mended else ""
         tree = read_bodies(self.robot.path, mended=text, floating=self.floating)

@@ -37,7 +37,7 @@ def test_run_has_an_option_for_every_setting(name):
 def test_rollout_has_the_settings_of_a_run_without_a_controller():
     has = rollout.parser.given(rollout.parser.parse_args(["finger"]))
     every = set(rollout.parser.parse_args(["finger"]).__dict__) & set(declarations())
-    assert every == set(GIVEN) - {"duration", "plant", "observer"}
+    assert every == set(GIVEN) - {"duration", "observer"}
     assert has == {"integrator": Integrator.IMPLICITFAST, "contacts": False, "friction": False}
 
 

@@ -134,7 +134,7 @@ def from_urdf(robot: Robot) -> Neutral:
             frames[name] = Frame(on(body), placed[body] @ place)
     return Neutral(
         robot.path, "urdf", tuple(parts), frames, tuple(cables), motors, couplings, orders=orders,
-        sensors=sensors,
+        sensors=sensors, gravity=np.array(robot.gravity),
     )  # fmt: skip
 
 
