@@ -167,13 +167,13 @@ def test_settle_finds_the_root_that_another_solver_finds(name, force):
 def test_inputs_for_the_tip_hold_it_against_the_force():
     finger = softdyn.load("finger")
     y = statics.settle(finger, 0.2 * finger.u_max).y
-    wet = finger.with_forces(Wrench("tip", force=[0, 0, -0.2]))
+    wet = finger.with_forces(Wrench("tip", force=[0, 0, -0.05]))
     found = statics.inputs_for_tip(wet, y).nearest
     np.testing.assert_allclose(found.y, y, atol=1e-6)
     # the same wrench in the balance as a disturbance at the tip
     balance = ForceBalance(finger, (softdyn.dynamics.Disturbance.TIP_FORCE,), motors=())
     zero = np.zeros(finger.nv)
-    r = balance(found.q, zero, zero, found.u, np.array([0, 0, -0.2])).residual
+    r = balance(found.q, zero, zero, found.u, np.array([0, 0, -0.05])).residual
     assert np.abs(r - found.limit_forces).max() < 1e-8
 
 
