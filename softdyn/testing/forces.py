@@ -93,7 +93,7 @@ def check_force(force: Any, model: SoftModel, *, count: int = 5, seed: int = 0) 
         worst, still = 0.0, np.zeros(tree.nv)
         for state in states:
             sides = np.array([
-                [total_energy((one,), tree, tree.integrate(state.q, side * move)) for side in (1, -1)]
+                [total_energy((one,), tree, tree.integrate(state.q, s * move)) for s in (1, -1)]
                 for move in STEP * np.eye(tree.nv)
             ])  # fmt: skip
             slope = (sides[:, 1] - sides[:, 0]) / (2 * STEP)
