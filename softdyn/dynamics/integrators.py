@@ -45,7 +45,8 @@ def step_implicit(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray,
     """Semi-implicit Euler with implicit damping, (M + h D) a = B u - h(q, v); order 1.
 
     It is the scheme of MuJoCo's ``implicitfast``. It stays stable for any damping. This matters,
-    because the damping is the stiff part of soft robots: λmax(M⁻¹D) is 1e4 and more.
+    because the damping is the stiff part of soft robots: λmax(M⁻¹D) is 1e4 and more. Where a damper
+    is not linear, ∂(D q̇)/∂q̇ stands for D on the left side.
 
     Parameters
     ----------
@@ -63,5 +64,6 @@ def step_implicit(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray,
     """
     h, u = number("h", h), array("u", u, (model.nu,))
     state = model.state(q, v)
-    v = state.v + h * np.linalg.solve(state.M + h * state.D, state.B @ u - state.h)
+    D = model.tangent_damping(q, v) if model.curved else state.D
+    v = state.v + h * np.linalg.solve(state.M + h * D, state.B @ u - state.h)
     return model.integrate(q, h * v), v

@@ -228,6 +228,32 @@ class SoftModel(Protocol):
             + np.tensordot(gain * (lengths - self.tendon_rest), self.tendon_hessians(q), 1)
         )
 
+    def tangent_damping(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """∂(D q̇)/∂q̇ (n, n): D, but where a damper is not linear.
+
+        Parameters
+        ----------
+        q, v : array_like, (nq,), (n,)
+            Configuration and velocity.
+        """
+        state = self.state(q, v)
+        arms, D = state.moment_arms, np.array(state.D)
+        if self.joint_curves is not None:
+            none = np.zeros(self.nv)
+            slope, secant = (
+                self.joint_curves.tangents(none, v)[1],
+                self.joint_curves.secants(none, v)[1],
+            )
+            D.flat[:: self.nv + 1] += slope - secant
+        if self.tendon_curves is not None:
+            rates = arms @ state.v
+            more = (
+                taut_slopes(self, state.lengths, rates)[1]
+                - taut_gains(self, state.lengths, rates)[1]
+            )
+            D += arms.T @ (more[:, None] * arms)
+        return D
+
     def coordinates(self, q: np.ndarray) -> np.ndarray:
         """Joint coordinates (n,) of a configuration.
 

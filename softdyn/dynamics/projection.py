@@ -115,6 +115,11 @@ class Projection(SoftModel):
         v = None if v is None else self.S @ vector("v", v, self.nv)
         return self.S.T @ self.tree.tangent_stiffness(self.expand(q), v) @ self.S
 
+    def tangent_damping(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """∂(D q̇)/∂q̇ (nv, nv): the tree's, projected."""
+        v = self.S @ vector("v", v, self.nv)
+        return self.S.T @ self.tree.tangent_damping(self.expand(q), v) @ self.S
+
     def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
         """Pose (4, 4) in the world of every link."""
         return self.tree.link_poses(self.expand(q))

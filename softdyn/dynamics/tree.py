@@ -335,6 +335,7 @@ class TreeModel(SoftModel):
         stretch = self.chart.of(q) - self.rest
         lengths = self.tendon_lengths(q)
         gain, _ = taut_gains(self, lengths, np.zeros(len(lengths)))
+        gain = np.where(self.tendon_slack, gain, self.tendon_stiffness)  # the linear part
         longer = lengths - self.tendon_rest
         energy = float(self.stiffness @ stretch**2 + gain @ longer**2) / 2
         for curves, s in ((self.joint_curves, stretch), (self.tendon_curves, longer)):
