@@ -36,8 +36,8 @@ class Horizon:
 
     def __init__(self, model: SoftModel, tau: float) -> None:
         self._model, self.tau = model, tau
-        # without elastic tendons K' is constant
-        elastic = model.tendon_stiffness.any()
+        # without elastic tendons K' is constant, if the springs are linear
+        elastic = model.tendon_stiffness.any() or model.curved
         self._constant = None if elastic else model.tangent_stiffness(model.q0)
         self._slackens = bool(model.tendon_slack.any())
         n = model.nv

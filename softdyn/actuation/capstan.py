@@ -50,7 +50,14 @@ from softdyn.description.robot import (
 )
 from softdyn.dynamics.derivatives import Derivatives, tendon_curvature, tendon_forces
 from softdyn.dynamics.engine import moved_bodies
-from softdyn.dynamics.model import SoftModel, State, check_model, check_state, taut_gains
+from softdyn.dynamics.model import (
+    SoftModel,
+    State,
+    check_model,
+    check_state,
+    taut_gains,
+    taut_slopes,
+)
 from softdyn.dynamics.projection import Projection, project, underlying_tree
 from softdyn.dynamics.tendons import TendonGeometry, compile_tendons
 from softdyn.dynamics.wrapped_paths import WrappedPaths
@@ -166,7 +173,7 @@ class Capstan:
         sign = -np.sign(force[self.tendon])
         share, lost = guides.shares(direction, sign), guides.friction_arms(direction, sign)
         rates = arms @ state.v
-        gain, damping = taut_gains(model, state.lengths, rates)
+        gain, damping = taut_slopes(model, state.lengths, rates)
         none = np.zeros(len(force))
         arm_rates = tendon_curvature(model, state.q, none, state.v)[1]
         by_q = -lost.T @ (gain[:, None] * arms + damping[:, None] * arm_rates)
@@ -295,7 +302,7 @@ class Guides:
         """
         state, model = self.state, self.capstan.model
         force = tendon_forces(model, vector("u", u, model.nu))
-        if model.tendon_stiffness.any() or model.tendon_damping.any():
+        if model.stretches:
             rates = state.moment_arms @ state.v
             gain, damping = taut_gains(model, state.lengths, rates)
             force -= gain * (state.lengths - model.tendon_rest) + damping * rates

@@ -23,6 +23,7 @@ from softdyn.description.robot import (
     Joint,
     JointTerm,
     Link,
+    Pair,
     PathEnd,
     Robot,
     Site,
@@ -36,7 +37,8 @@ from softdyn.description.stated_task import StatedTask, only_the_tip, read_tasks
 from softdyn.description.strict_xml import Element
 
 BLOCK, VERSION = "softdyn", "1"
-TENDON = ("stiffness", "damping", "rest", "slack", "friction", "driven")
+CURVES = ("stiffness_poly", "damping_poly")
+TENDON = ("stiffness", "damping", "rest", "slack", "friction", "driven", *CURVES)
 ENDS = tuple(end.value for end in PathEnd)
 COINCIDENT = 1e-9  # metres between two sites that count as one point
 WRAPS = ("cylinder", "sphere")
@@ -123,22 +125,40 @@ def _spring_statements(
 
 
 def _armature(element: Element, joints: dict[str, Joint]) -> Joint:
-    element.allow("name", "armature")
-    return replace(moving_joint(element, joints), armature=element.non_negative("armature"))
+    element.allow("name", "armature", *CURVES)
+    joint = moving_joint(element, joints)
+    spring, damper = _curves(element, joint)
+    joint = replace(
+        joint, armature=element.non_negative("armature"), stiffness_poly=spring, damping_poly=damper
+    )
+    if any(joint.stiffness_poly):
+        check_position(element, joint, SPRING)
+    return joint
+
+
+def _curves(element: Element, given: Joint | Tendon) -> tuple[Pair, Pair]:
+    """The coefficients of a spring and a damper that are not linear; by default those given."""
+    spring, damper = (element.pair(name, getattr(given, name)) for name in CURVES)
+    if min(damper) < 0:
+        raise element.error("numbers >= 0 as damping_poly", f"{damper[0]:g} {damper[1]:g}")
+    return spring, damper
 
 
 def _compliance(element: Element, joints: dict[str, Joint]) -> Joint:
     """A joint of an overlay: an attribute that is not given keeps the URDF's value."""
-    element.allow("name", "armature", "stiffness", "damping", "rest")
+    element.allow("name", "armature", "stiffness", "damping", "rest", *CURVES)
     joint = moving_joint(element, joints)
+    spring, damper = _curves(element, joint)
     joint = replace(
         joint,
         armature=element.non_negative("armature", joint.armature),
         stiffness=element.non_negative("stiffness", joint.stiffness),
         damping=element.non_negative("damping", joint.damping),
         rest=element.number("rest", joint.rest),
+        stiffness_poly=spring,
+        damping_poly=damper,
     )
-    if joint.stiffness > 0:
+    if joint.stiffness > 0 or any(joint.stiffness_poly):
         check_position(element, joint, SPRING)
     return joint
 
@@ -165,13 +185,17 @@ def _tendon(element: Element, links: dict[str, Link], joints: dict[str, Joint]) 
         None if element.node.get("driven") is None else PathEnd(element.choice("driven", ENDS)),
         wraps,
     )
+    spring, damper = _curves(element, tendon)
+    tendon = replace(tendon, stiffness_poly=spring, damping_poly=damper)
     if tendon.friction > MOST_FRICTION:
         raise element.error(f"friction <= {MOST_FRICTION:g}", tendon.friction)
     if tendon.driven is not None and not tendon.rubs:
         raise element.error("friction > 0 beside driven", tendon.friction)
     if tendon.slack and tendon.stiffness == 0:
         raise element.error("stiffness > 0 of a slack tendon", tendon.stiffness)
-    if tendon.stiffness > 0:
+    if tendon.slack and any((*tendon.stiffness_poly, *tendon.damping_poly)):
+        raise element.error("a linear spring and damper of a slack tendon", "others")
+    if tendon.stiffness > 0 or any(tendon.stiffness_poly):
         for term in tendon.terms:
             check_position(element, joints[term.joint], SPRING)
     if tendon.friction > 0:

@@ -66,6 +66,9 @@ class Mimic:
     offset: float = 0.0
 
 
+Pair = tuple[float, float]
+
+
 @dataclass(frozen=True)
 class Joint:
     """A joint with its compliance; SI units, radians or metres.
@@ -74,7 +77,9 @@ class Joint:
     of any length. Only the plant has the dry `friction`; the model omits it. `effort` and
     `velocity` are the file's limits. Nothing here uses them; they are infinite if a continuous
     joint has no ``<limit>``. A joint with a `mimic` follows another joint: it is no degree of
-    freedom of its own, and its limits are not used.
+    freedom of its own, and its limits are not used. `stiffness_poly` and `damping_poly` are the
+    further coefficients of a spring and a damper that are not linear: see
+    `softdyn.dynamics.curves`.
     """
 
     name: str
@@ -93,6 +98,8 @@ class Joint:
     armature: float = 0.0
     friction: float = 0.0
     mimic: Mimic | None = None
+    stiffness_poly: Pair = (0.0, 0.0)
+    damping_poly: Pair = (0.0, 0.0)
 
     @property
     def moves(self) -> bool:
@@ -195,6 +202,7 @@ class Tendon:
 
     The force ``stiffness · (ℓ - rest) + damping · ℓ̇`` pulls or pushes. If `rest` is None, the
     length at q = 0 is used. With `slack` the tendon only pulls, and a negative force is zero.
+    `stiffness_poly` and `damping_poly` are as those of a `Joint`.
 
     The cable rubs on its guides with the coefficient `friction`: see `softdyn.actuation.capstan`.
     Its actuators, its spring and its damper pull at the end `driven`. If that is None, they pull at
@@ -211,6 +219,8 @@ class Tendon:
     friction: float = 0.0
     driven: PathEnd | None = None
     wraps: tuple[Wrap, ...] = ()
+    stiffness_poly: Pair = (0.0, 0.0)
+    damping_poly: Pair = (0.0, 0.0)
 
     @property
     def path(self) -> tuple[JointTerm | Site | Wrap, ...]:
@@ -353,6 +363,11 @@ class Robot:
             parts += (rubbing,)
         if self.tasks:
             parts += (self.tasks,)
+        springs: list[Joint | Tendon] = [*self.joints, *self.tendons]
+        curved = [(one.name, one.stiffness_poly, one.damping_poly) for one in springs
+                  if any((*one.stiffness_poly, *one.damping_poly))]  # fmt: skip
+        if curved:
+            parts += (curved,)
         wraps = [(tendon.name, tendon.wraps) for tendon in self.tendons if tendon.wraps]
         if wraps:
             parts += (wraps,)

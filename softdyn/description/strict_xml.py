@@ -115,6 +115,18 @@ class Element:
         x, y, z = (self.to_number(word, attribute) for word in words)
         return x, y, z
 
+    def pair(
+        self, attribute: str, default: tuple[float, float] = (0.0, 0.0)
+    ) -> tuple[float, float]:
+        """Two finite numbers in an attribute."""
+        if self.node.get(attribute) is None:
+            return default
+        words = self._words(attribute)
+        if len(words) != 2:
+            raise self.error(f"two numbers as {attribute}", repr(self.node.get(attribute)))
+        one, other = (self.to_number(word, attribute) for word in words)
+        return one, other
+
     def components(self, attribute: str, size: int, default: float = 0.0) -> tuple[float, ...]:
         """One finite number, or `size` of them."""
         if self.node.get(attribute) is None:

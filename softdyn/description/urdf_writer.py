@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import fields
 from enum import Enum
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -16,7 +17,17 @@ from softdyn.description.annotations import BLOCK, VERSION
 from softdyn.description.inertia import MOMENTS
 from softdyn.description.origins import VERSIONS
 from softdyn.description.rig import Actuator, Sensor
-from softdyn.description.robot import EARTH, Joint, JointTerm, Link, Origin, Robot, Site, Wrap
+from softdyn.description.robot import (
+    EARTH,
+    Joint,
+    JointTerm,
+    Link,
+    Origin,
+    Robot,
+    Site,
+    Tendon,
+    Wrap,
+)
 from softdyn.description.stated_task import StatedTask
 
 
@@ -121,15 +132,28 @@ def _joint(joint: Joint) -> list[str]:
     return found
 
 
+def _curves(part: Joint | Tendon) -> dict[str, Any]:
+    """The attributes of a spring and a damper that are not linear."""
+    return {
+        "stiffness_poly": part.stiffness_poly if any(part.stiffness_poly) else None,
+        "damping_poly": part.damping_poly if any(part.damping_poly) else None,
+    }
+
+
 def _block(robot: Robot) -> list[str]:
     """The ``<softdyn>`` block: armatures, tendons, the rig, the tasks."""
-    lines = [tag("joint", name=j.name, armature=j.armature) for j in robot.joints if j.armature]
+    lines = [
+        tag("joint", name=j.name, armature=j.armature or None, **_curves(j))
+        for j in robot.joints
+        if j.armature or any(_curves(j).values())
+    ]
     for tendon in robot.tendons:
         path = [_path_element(part) for part in tendon.path]
         springs = {"stiffness": tendon.stiffness or None, "damping": tendon.damping or None}
         rest = {"rest": tendon.rest, "slack": "true" if tendon.slack else None}
         driven = None if tendon.driven is None else tendon.driven.value
         rubs = {"friction": tendon.friction or None, "driven": driven}
+        springs |= _curves(tendon)
         lines += _nested("tendon", path, name=tendon.name, **springs, **rest, **rubs)
     lines += [tag("actuator", **_stated(actuator)) for actuator in robot.actuators]
     lines += [tag("sensor", **_stated(sensor)) for sensor in robot.sensors]

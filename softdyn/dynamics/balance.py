@@ -38,7 +38,7 @@ from softdyn.checks import vector
 from softdyn.description.rig import Actuator
 from softdyn.description.robot import sliding
 from softdyn.dynamics.engine import Scratch
-from softdyn.dynamics.model import SoftModel, check_model, taut_gains
+from softdyn.dynamics.model import SoftModel, check_model, taut_gains, taut_slopes
 from softdyn.dynamics.points import BodyPoint
 from softdyn.dynamics.projection import Projection, underlying_tree
 from softdyn.dynamics.winches import Winches
@@ -153,7 +153,7 @@ class ForceBalance:
             self._point = Scratch(_point_mass(tree.engine, self._tip))
         motors = model.robot.actuators if motors is None else motors
         self._winches = Winches(model, motors) if any(one.is_winch for one in motors) else None
-        self._stretches = bool(tree.tendon_stiffness.any() or tree.tendon_damping.any())
+        self._stretches = tree.stretches
         self._gears = np.zeros((len(tree.tendons.names), tree.nu))
         self._gears[tree.actuated, np.arange(tree.nu)] = tree.gear
         self._slope, self._none = -self._gears, np.zeros(len(self._gears))
@@ -214,9 +214,16 @@ class ForceBalance:
         r, geometry = np.array(data.tau), tree.tendons.at(coordinates, *tree.last_kinematics())
         lengths, arms = geometry.lengths, geometry.moment_arms
         pull = self._pull(lengths, arms, v, commands)
-        r += tree.stiffness * (coordinates - tree.rest) + tree.damping * v - pull.force @ arms
+        stretch = coordinates - tree.rest
+        r += tree.stiffness * stretch + tree.damping * v - pull.force @ arms
         by_q.flat[:: n + 1] += tree.stiffness
         by_v.flat[:: n + 1] += tree.damping
+        if (curves := tree.joint_curves) is not None:
+            stiffness, damping = curves.secants(stretch, v)
+            r += stiffness * stretch + damping * v
+            stiffness, damping = curves.tangents(stretch, v)
+            by_q.flat[:: n + 1] += stiffness
+            by_v.flat[:: n + 1] += damping
         if pull.gain is not self._none:
             by_q += arms.T @ (pull.gain[:, None] * arms)
             by_v += arms.T @ (pull.damping[:, None] * arms)
@@ -243,12 +250,13 @@ class ForceBalance:
         if winches is None and not self._stretches:
             return TendonPull(self._gears @ commands, self._none, self._none, self._slope, commands)
         rates = arms @ v
-        gain, damping = (np.array(x) for x in taut_gains(tree, lengths, rates))
+        gain, damping = taut_gains(tree, lengths, rates)
         pull, slope, u = (
             gain * (lengths - tree.tendon_rest) + damping * rates,
             self._slope,
             commands,
         )
+        gain, damping = (np.array(x) for x in taut_slopes(tree, lengths, rates))
         if winches is not None:
             u, by_length, by_rate, by_command = winches.inputs(lengths, rates, commands)
             gain -= self._gears @ by_length

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from softdyn.checks import array, vector
 from softdyn.dynamics.balance import ForceBalance
-from softdyn.dynamics.model import SoftModel, State, check_model
+from softdyn.dynamics.model import SoftModel, State, check_model, taut_gains, taut_slopes
 from softdyn.dynamics.projection import Projection, project, underlying_tree
 from softdyn.dynamics.tree import tree_of
 
@@ -97,10 +97,20 @@ def tangent_dynamics(
 
 
 def total_damping(state: State) -> np.ndarray:
-    """D - ∂F/∂q̇ (nv, nv): the damping of dampers and of forces of one's own."""
-    if not state.model.forces:
-        return state.D
-    return state.D - state.model.force_derivatives(state.q, state.v)[1]
+    """∂(D q̇ - F)/∂q̇ (nv, nv): the damping of dampers and of forces of one's own.
+
+    It is D without such forces, where the dampers are linear.
+    """
+    model, D = state.model, state.D
+    if model.curved:
+        (tree, S), arms = underlying_tree(model), state.moment_arms
+        if (curves := tree.joint_curves) is not None:
+            v = state.v if S is None else S @ state.v
+            D = D + project(S, np.diag(curves.tangents(v, v)[1] - curves.secants(v, v)[1]))
+        at = state.lengths, arms @ state.v
+        more = taut_slopes(model, *at)[1] - taut_gains(model, *at)[1]
+        D = D + arms.T @ (more[:, None] * arms)
+    return D if not model.forces else D - model.force_derivatives(state.q, state.v)[1]
 
 
 def mass_columns(model: SoftModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:

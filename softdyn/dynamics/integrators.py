@@ -57,10 +57,9 @@ def step_rk4(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray, h: f
 def step_implicit(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray, h: float) -> Step:
     """Semi-implicit Euler with implicit damping, (M + h D) a = B u - h(q, v); order 1.
 
-    With forces of one's own D is D - ∂F/∂q̇.
-
-    It is the scheme of MuJoCo's ``implicitfast``. It stays stable for any damping. This matters,
-    because the damping is the stiff part of soft robots: λmax(M⁻¹D) is 1e4 and more.
+    With one's own forces, and with dampers that are not linear, ∂(D q̇ - F)/∂q̇ stands for D on the
+    left side. It is the scheme of MuJoCo's ``implicitfast``. It stays stable for any damping. This
+    matters, because the damping is the stiff part of soft robots: λmax(M⁻¹D) is 1e4 and more.
 
     Parameters
     ----------

@@ -16,6 +16,7 @@ import numpy as np
 from softdyn.checks import array, vector
 from softdyn.description.robot import Robot
 from softdyn.dynamics import text
+from softdyn.dynamics.curves import Curves, curves_of
 from softdyn.dynamics.tendons import Tendons
 from softdyn.exceptions import InputError
 
@@ -56,6 +57,8 @@ class SoftModel(Protocol):
     tendon_stiffness, tendon_damping, tendon_rest : ndarray, (tendons,)
         Stiffness, damping and rest length of each tendon. A rest length that the file omits is the
         length at q = 0.
+    joint_curves : Curves or None
+        The joints' springs and dampers that are not linear, if there are any.
     tendon_slack : ndarray of bool, (tendons,)
         Whether each tendon only pulls.
     """
@@ -81,6 +84,23 @@ class SoftModel(Protocol):
     tendon_damping: np.ndarray
     tendon_rest: np.ndarray
     tendon_slack: np.ndarray
+    joint_curves: Curves | None = None
+
+    @cached_property
+    def tendon_curves(self) -> Curves | None:
+        """The tendons' springs and dampers that are not linear, if there are any."""
+        return curves_of(self.robot.tendons)
+
+    @cached_property
+    def curved(self) -> bool:
+        """Whether a spring or a damper is not linear."""
+        return self.tendon_curves is not None or curves_of(self.robot.joints) is not None
+
+    @property
+    def stretches(self) -> bool:
+        """Whether a tendon has a spring or a damper."""
+        linear = self.tendon_stiffness.any() or self.tendon_damping.any()
+        return bool(linear) or self.tendon_curves is not None
 
     @property
     def relaxed(self) -> np.ndarray:
@@ -202,9 +222,13 @@ class SoftModel(Protocol):
         arms, lengths = self.tendon_moment_arms(q), self.tendon_lengths(q)
         v = np.zeros(self.nv) if v is None else vector("v", v, self.nv)
         gain, _ = taut_gains(self, lengths, arms @ v)
+        slope, _ = taut_slopes(self, lengths, arms @ v)
+        springs = self.stiffness
+        if self.joint_curves is not None:
+            springs = springs + self.joint_curves.tangents(self.coordinates(q) - self.rest, v)[0]
         return (
-            np.diag(self.stiffness)
-            + arms.T @ (gain[:, None] * arms)
+            np.diag(springs)
+            + arms.T @ (slope[:, None] * arms)
             + np.tensordot(gain * (lengths - self.tendon_rest), self.tendon_hessians(q), 1)
         )
 
@@ -270,7 +294,8 @@ def taut_gains(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stiffness and damping (tendons,) that act; both are zero for a slack tendon without tension.
 
-    A tendon that may be slack has the tension max(0, k (ℓ - rest) + d ℓ̇).
+    They are secants: the stretch and the rate times them are the forces, where a spring or a damper
+    is not linear, too. A tendon that may be slack has the tension max(0, k (ℓ - rest) + d ℓ̇).
 
     Parameters
     ----------
@@ -280,11 +305,30 @@ def taut_gains(
         Tendon lengths ℓ and their rates ℓ̇.
     """
     gain, damping = model.tendon_stiffness, model.tendon_damping
+    if model.tendon_curves is not None:
+        more = model.tendon_curves.secants(lengths - model.tendon_rest, rates)
+        gain, damping = gain + more[0], damping + more[1]
     if not model.tendon_slack.any():
         return gain, damping
     loose = gain * (lengths - model.tendon_rest) + damping * rates <= 0
     loose &= model.tendon_slack
     return np.where(loose, 0.0, gain), np.where(loose, 0.0, damping)
+
+
+def taut_slopes(
+    model: SoftModel, lengths: np.ndarray, rates: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The derivatives (tendons,) of the tendons' forces by lengths and rates; else `taut_gains`."""
+    if model.tendon_curves is None:
+        return taut_gains(model, lengths, rates)
+    # a tendon that can be slack is linear
+    more = model.tendon_curves.tangents(lengths - model.tendon_rest, rates)
+    curved = np.any([*model.tendon_curves.spring, *model.tendon_curves.damper], axis=0)
+    gain, damping = taut_gains(model, lengths, rates)
+    return (
+        np.where(curved, model.tendon_stiffness + more[0], gain),
+        np.where(curved, model.tendon_damping + more[1], damping),
+    )
 
 
 def check_model(value: Any) -> SoftModel:

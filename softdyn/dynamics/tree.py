@@ -15,6 +15,7 @@ from softdyn.compiled import COMPILES
 from softdyn.description.robot import Robot
 from softdyn.dynamics import kernels
 from softdyn.dynamics.coordinates import Coordinates
+from softdyn.dynamics.curves import curves_of
 from softdyn.dynamics.engine import (
     BASE,
     ThreadScratch,
@@ -90,6 +91,7 @@ class TreeModel(SoftModel):
             read_only([getattr(joint, field) for joint in ordered])
             for field in ("lower", "upper", "stiffness", "rest", "damping", "armature")
         )
+        self.joint_curves = curves_of(ordered)
         model.armature = self.armature.copy()
         self._scratch = ThreadScratch(model)
 
@@ -169,8 +171,9 @@ class TreeModel(SoftModel):
         count, self._spatial = len(tendons.names), tendons.spatial
         self._joint_rows = self.nv + kernels.JOINT_TERMS + count + self.nu, self.nv
         self._tip_and_lengths = 6 + count
-        self._damped = tendons.spatial and bool(self.tendon_damping.any())
-        self._slackens = bool(self.tendon_slack.any())
+        self._curved = self.joint_curves is not None or self.tendon_curves is not None
+        self._damped = tendons.spatial and bool(self.tendon_damping.any()) and not self._curved
+        self._slackens = bool(self.tendon_slack.any()) and not self._curved
 
     # -- state ---------------------------------------------------------------------------------
 
@@ -211,7 +214,9 @@ class TreeModel(SoftModel):
         fill(joint_rows, tip_and_lengths, v, coordinates, *scratch.arguments)
         if here is not q:
             tip_and_lengths[:3] += q[:3]
-        extra = {}
+        D, extra = self._fixed_D, {}
+        if self._curved:
+            D = read_only(self._bend_springs(joint_rows, tip_and_lengths, coordinates, v))
         if self._forces:
             extra["F"] = self.forces_at(q, v)
             kernels.joint_terms(joint_rows)[5][:] -= extra["F"]
@@ -219,7 +224,7 @@ class TreeModel(SoftModel):
             filled.flags.writeable = False
         M, J, Jdot, bias, K, h, g = kernels.joint_terms(joint_rows)
         y, ydot, lengths = kernels.tip_terms(tip_and_lengths)
-        arms, B, D = self._fixed_arms, self._fixed_B, self._fixed_D
+        arms, B = self._fixed_arms, self._fixed_B
         if self._spatial:
             arms, inputs = kernels.tendon_terms(joint_rows, len(lengths))
             B = inputs.T
@@ -231,6 +236,22 @@ class TreeModel(SoftModel):
             model=self, q=q, v=v, M=M, bias=bias, K=K, D=D, B=B, h=h, g=g, J=J, Jdot=Jdot,
             y=y, ydot=ydot, lengths=lengths, moment_arms=arms, **extra,
         )  # fmt: skip
+
+    def _bend_springs(
+        self,
+        joint_rows: np.ndarray,
+        tip_and_lengths: np.ndarray,
+        coordinates: np.ndarray,
+        v: np.ndarray,
+    ) -> np.ndarray:
+        """Write K and h anew, since the kernel knows linear springs and dampers alone; return D."""
+        _, _, _, bias, K, h, _ = kernels.joint_terms(joint_rows)
+        lengths, arms = kernels.tip_terms(tip_and_lengths)[2], self._fixed_arms
+        if self._spatial:
+            arms, _ = kernels.tendon_terms(joint_rows, len(lengths))
+        K[:], D = self._springs_and_dampers(coordinates, lengths, arms, v)
+        h[:] = bias + D @ v + K
+        return D
 
     def _in_numpy(
         self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: ThreadScratch
@@ -317,8 +338,13 @@ class TreeModel(SoftModel):
         stretch = self.chart.of(q) - self.rest
         lengths = self.tendon_lengths(q)
         gain, _ = taut_gains(self, lengths, np.zeros(len(lengths)))
+        gain = np.where(self.tendon_slack, gain, self.tendon_stiffness)  # the linear part
         longer = lengths - self.tendon_rest
-        return float(self.stiffness @ stretch**2 + gain @ longer**2) / 2
+        energy = float(self.stiffness @ stretch**2 + gain @ longer**2) / 2
+        for curves, s in ((self.joint_curves, stretch), (self.tendon_curves, longer)):
+            if curves is not None:
+                energy += curves.energy(s)
+        return energy
 
     # -- forces of one's own -------------------------------------------------------------------
 
@@ -486,12 +512,17 @@ class TreeModel(SoftModel):
     ) -> tuple[np.ndarray, np.ndarray]:
         """K (n,) and D (n, n) of a State."""
         gain, damping, D = self.tendon_stiffness, self.tendon_damping, self._fixed_D
-        if self._slackens:
+        stiffness, stretch = self.stiffness, coordinates - self.rest
+        if self._slackens or self._curved:
             gain, damping = taut_gains(self, lengths, arms @ v)
-        if self._slackens or self.tendons.spatial:
+        if self._slackens or self._curved or self.tendons.spatial:
             D = self._damping_matrix(arms, damping)
+        if self.joint_curves is not None:
+            more, resisting = self.joint_curves.secants(stretch, v)
+            stiffness = stiffness + more
+            D.flat[:: self.nv + 1] += resisting
         pull = gain * (lengths - self.tendon_rest)
-        return self.stiffness * (coordinates - self.rest) + arms.T @ pull, D
+        return stiffness * stretch + arms.T @ pull, D
 
 
 def tree_of(model: SoftModel) -> TreeModel:

@@ -34,7 +34,14 @@ from softdyn.description.readings import ReadingLayout
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.dynamics.derivatives import Derivatives, acceleration_derivatives
 from softdyn.dynamics.engine import BASE
-from softdyn.dynamics.model import SoftModel, State, check_model, check_state, taut_gains
+from softdyn.dynamics.model import (
+    SoftModel,
+    State,
+    check_model,
+    check_state,
+    taut_gains,
+    taut_slopes,
+)
 from softdyn.dynamics.points import BodyPoint, PointMotion
 from softdyn.dynamics.projection import Projection, project, underlying_tree
 from softdyn.dynamics.tendons import TendonGeometry
@@ -270,11 +277,12 @@ class Moment:
 
     @cached_property
     def elasticity(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Stiffness and damping of the taut tendons, and the springs' and dampers' tensions."""
+        """∂T/∂ℓ and ∂T/∂ℓ̇ of the springs' and dampers' tensions T, and T (tendons,)."""
         model, (lengths, arms) = self.model, self.cables
         rates = arms @ self.v
         gain, damping = taut_gains(model, lengths, rates)
-        return gain, damping, gain * (lengths - model.tendon_rest) + damping * rates
+        tension = gain * (lengths - model.tendon_rest) + damping * rates
+        return *taut_slopes(model, lengths, rates), tension
 
     @cached_property
     def acceleration(self) -> Derivatives:

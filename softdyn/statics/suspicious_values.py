@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from softdyn.description.meshes import Mesh
-from softdyn.description.robot import Joint, Robot, moving_bodies
+from softdyn.description.robot import Joint, Robot, Tendon, moving_bodies
 from softdyn.description.visuals import triangles, visuals
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.dynamics.projection import Projection, underlying_tree
@@ -211,7 +211,8 @@ def _bodies(robot: Robot) -> Iterator[str]:
 
 def _springs(robot: Robot) -> Iterator[str]:
     free = [joint for joint in robot.moving_joints if joint.mimic is None]
-    elastic = any(j.stiffness > 0 for j in free) or any(t.stiffness > 0 for t in robot.tendons)
+    springs: list[Joint | Tendon] = [*free, *robot.tendons]
+    elastic = any(part.stiffness > 0 or any(part.stiffness_poly) for part in springs)
     moving = [actuator for actuator in robot.actuators if actuator.lower < actuator.upper]
     if not elastic and 0 < len(moving) < len(free):
         yield (
@@ -220,7 +221,8 @@ def _springs(robot: Robot) -> Iterator[str]:
         )
     for tendon in robot.tendons:
         pulled = any(actuator.tendon == tendon.name for actuator in robot.actuators)
-        if not pulled and tendon.stiffness == 0 and tendon.damping == 0:
+        own = tendon.stiffness, tendon.damping, *tendon.stiffness_poly, *tendon.damping_poly
+        if not pulled and not any(own):
             yield f"tendon {tendon.name!r} does nothing: no actuator, no stiffness, no damping"
     damped = {_first(joint) for joint in robot.moving_joints if joint.damping > 0}
     for joint in robot.moving_joints:
@@ -230,6 +232,11 @@ def _springs(robot: Robot) -> Iterator[str]:
             and not joint.lower <= joint.rest <= joint.upper
         ):
             yield f"joint {joint.name!r}: its spring rests at {joint.rest:g}, beyond its limits"
+        if (least := _least_slope(joint)) < 0:
+            yield (
+                f"joint {joint.name!r}: its spring turns within its limits, down to {least:.3g}"
+                f" {_unit(joint)}: it pushes the joint away from there"
+            )
         if joint.stiffness > 0 and _first(joint) not in damped:
             yield f"joint {joint.name!r} has a spring and no damping: it will oscillate for ever"
     for actuator in robot.actuators:
@@ -245,3 +252,17 @@ def _springs(robot: Robot) -> Iterator[str]:
 def _first(joint: Joint) -> str:
     """The joint that determines this one's position: its leader, or itself."""
     return joint.name if joint.mimic is None else joint.mimic.leader
+
+
+def _least_slope(joint: Joint) -> float:
+    """The least slope (N m/rad, N/m) of a joint's spring within finite limits."""
+    k1, k2 = joint.stiffness_poly
+    if not (k1 or k2) or not math.isfinite(joint.upper - joint.lower):
+        return joint.stiffness
+    ends = joint.lower - joint.rest, joint.upper - joint.rest
+    places = [*ends, min(max(-k1 / (3 * k2), ends[0]), ends[1])] if k2 else ends
+    return min(joint.stiffness + (2 * k1 + 3 * k2 * s) * s for s in places)
+
+
+def _unit(joint: Joint) -> str:
+    return "N/m" if joint.kind == "prismatic" else "N m/rad"

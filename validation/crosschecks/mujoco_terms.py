@@ -148,8 +148,21 @@ class MujocoTerms:
         )
 
     def D(self) -> np.ndarray:
-        """Damping matrix (nv, nv): minus the damper forces of unit velocities."""
+        """Damping matrix (nv, nv): minus the damper forces of unit velocities.
+
+        Dampers that are not linear have the damping there that they have at the present rates.
+        """
+        model, data, kept = self._model, self._data, []
+        for linear, poly, rate in (
+            (model.dof_damping, model.dof_dampingpoly, data.qvel),
+            (model.tendon_damping, model.tendon_dampingpoly, data.ten_velocity),
+        ):
+            kept += [(linear, linear.copy()), (poly, poly.copy())]
+            linear += (poly[:, 0] + poly[:, 1] * np.abs(rate)) * np.abs(rate)
+            poly[:] = 0.0
         damping = self._damping_along(self._map)
+        for values, before in kept:
+            values[:] = before
         if len(self._slack):
             arms, _, _, each = self._taut()
             arms = arms @ self._map

@@ -16,7 +16,7 @@ from softdyn.validation.files import write_text
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
 from softdyn.validation.mjcf.comparison.finding import beyond_urdf
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
-from softdyn.validation.mjcf.comparison.neutral import Neutral, NeutralTendon, Numbers, Part
+from softdyn.validation.mjcf.comparison.neutral import Neutral, Numbers
 from softdyn.validation.mjcf.comparison.result import Comparison
 from softdyn.validation.mjcf.comparison.side import Side, neutral
 from softdyn.validation.mjcf.to_mjcf import lost, to_mjcf
@@ -116,12 +116,12 @@ def unsaid(robot: Neutral) -> Iterator[str]:
         even = part.more.get("jnt_actfrcrange", (0.0, 0.0))
         known = {"jnt_actfrcrange"} if even[0] == -even[1] else set()  # equal to a URDF effort
         own = {field: value for field, value in part.more.items() if field not in known}
-        yield from _unsaid(f"joint {part.name!r}", _curves(part) | own)
+        yield from _unsaid(f"joint {part.name!r}", own)
         for link, share in part.gravcomp.items():
             yield f"link {link!r}: body_gravcomp {share:g}"
     for tendon in robot.cables:
         armature = {"tendon_armature": (tendon.armature,)} if tendon.armature else {}
-        yield from _unsaid(f"tendon {tendon.name!r}", armature | _curves(tendon) | tendon.more)
+        yield from _unsaid(f"tendon {tendon.name!r}", armature | tendon.more)
     for motor in (m for m in robot.motors if not m.law):  # the others are left out
         yield from _unsaid(f"actuator {motor.name!r}", motor.more)
     for tie in robot.couplings:
@@ -129,12 +129,6 @@ def unsaid(robot: Neutral) -> Iterator[str]:
     for equality in robot.equalities:
         yield f"equality {equality.kind}: {' and '.join(equality.ends)}"
     yield from (f"{field} {_text(value)}" for field, value in robot.features.items())
-
-
-def _curves(item: Part | NeutralTendon) -> dict[str, Numbers]:
-    """Coefficients of higher powers that are not zero."""
-    found = {"stiffness": item.stiffness_curve, "damping": item.damping_curve}
-    return {f"{name} of higher powers": curve for name, curve in found.items() if any(curve)}
 
 
 def _unsaid(where: str, fields: dict[str, Numbers]) -> Iterator[str]:

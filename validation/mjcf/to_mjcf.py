@@ -167,8 +167,8 @@ class _Writer:
             pos=part.point - self._origin[k],
             limited="true" if limited else "false",
             range=span if limited else None,
-            stiffness=part.stiffness or None, springref=part.rest or None,
-            damping=part.damping or None, armature=part.armature or None,
+            stiffness=_powers(part.stiffness, part.stiffness_curve), springref=part.rest or None,
+            damping=_powers(part.damping, part.damping_curve), armature=part.armature or None,
             frictionloss=part.friction or None,
             solreflimit=STIFF_SOLREF if limited else None,
             solimplimit=STIFF_SOLIMP if limited else None,
@@ -297,8 +297,9 @@ class _Writer:
                 rest = min(0.0, rest[1]) if cable.path else -UNBOUNDED, rest[1]
             node = add(
                 tendon, "fixed" if cable.terms else "spatial", name=cable.name, limited="false",
-                stiffness=(acts and cable.stiffness) or None, springlength=rest,
-                damping=(acts and cable.damping) or None,
+                stiffness=_powers(acts * cable.stiffness, cable.stiffness_curve),
+                springlength=rest,
+                damping=_powers(acts * cable.damping, cable.damping_curve),
             )  # fmt: skip
             for joint, coefficient in cable.terms.items():
                 add(node, "joint", joint=joint, coef=coefficient)
@@ -434,3 +435,10 @@ def lost(robot: Robot) -> list[str]:
     repeated = Counter(link.name for link in robot.links)
     notes += [f"a second link {name!r}" for name, count in repeated.items() if count > 1]
     return notes
+
+
+def _powers(linear: float, curve: Sequence[float]) -> tuple[float, ...] | None:
+    """The coefficients of a spring or a damper, as few as say it; None without any."""
+    if any(curve):
+        return (linear, *curve)
+    return (linear,) if linear else None

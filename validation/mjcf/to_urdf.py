@@ -24,6 +24,7 @@ from softdyn.description.robot import (
     Link,
     Mimic,
     Origin,
+    Pair,
     Robot,
     Site,
     Tendon,
@@ -122,7 +123,9 @@ def _moving(joint: Joint, source: Neutral, part: Part, lost: list[str]) -> Joint
     kind = "prismatic" if part.kind == "slide" else "revolute"
     led = any(part.name in (c.joint, c.leader) for c in source.couplings)
     led |= part.name in _sprung(source)
-    if part.kind == "hinge" and not limited and not part.stiffness and not led:
+    spring, damper = _curves(part, f"joint {part.name!r}", lost)
+    sprung = bool(part.stiffness) or any(spring)
+    if part.kind == "hinge" and not limited and not sprung and not led:
         kind = "continuous"
     elif not limited and part.name not in {tie.joint for tie in source.couplings}:
         lost.append(f"joint {part.name!r} has no limits: written as ±{UNLIMITED:g}")
@@ -142,15 +145,19 @@ def _moving(joint: Joint, source: Neutral, part: Part, lost: list[str]) -> Joint
     return replace(
         joint, kind=kind, direction=tuple(part.axis.tolist()), lower=lower, upper=upper,
         effort=part.effort if math.isfinite(part.effort) else 0.0, stiffness=part.stiffness,
-        rest=part.rest if part.stiffness else 0.0, damping=part.damping, armature=part.armature,
-        friction=part.friction, mimic=mimic,
+        rest=part.rest if sprung else 0.0, damping=part.damping, armature=part.armature,
+        friction=part.friction, mimic=mimic, stiffness_poly=spring, damping_poly=damper,
     )  # fmt: skip
 
 
 def _sprung(source: Neutral) -> set[str]:
     """Joints of a tendon's spring or of a winch, which cannot be continuous."""
     winds = {motor.target for motor in source.motors if "command" in motor.rig}
-    cables = (c for c in source.cables if c.stiffness or f"tendon:{c.name}" in winds)
+    cables = (
+        c
+        for c in source.cables
+        if c.stiffness or any(c.stiffness_curve) or f"tendon:{c.name}" in winds
+    )
     found = {joint for cable in cables for joint in cable.terms}
     return found | {target.removeprefix("joint:") for target in winds}
 
@@ -168,18 +175,29 @@ def _tendons(source: Neutral, link_of: dict[int, str], lost: list[str]) -> Itera
         slackens = cable.slack and not _pushed(source, cable.name)
         if cable.slack and not slackens:
             lost.append(f"tendon {cable.name!r}: that it can be slack, as an actuator pushes on it")
-        if slack != taut and cable.stiffness:
+        spring, damper = _curves(cable, f"tendon {cable.name!r}", lost)
+        sprung = bool(cable.stiffness) or any(spring)
+        if slack != taut and sprung:
             lost.append(f"tendon {cable.name!r}: that its spring is slack between two lengths")
         terms = [JointTerm(joint, coefficient) for joint, coefficient in cable.terms.items()]
         sites = [
             Site(link_of[p.part], _place(source, p.part, p.xyz)) for p in cable.path if not p.around
         ]
         wraps = tuple(_wraps(source, cable, link_of, lost))
-        rest = taut if cable.stiffness else None
+        rest = taut if sprung else None
         yield Tendon(
             cable.name, tuple(terms), tuple(sites), cable.stiffness, cable.damping, rest, slackens,
-            *cable.friction, wraps,
+            *cable.friction, wraps, spring, damper,
         )  # fmt: skip
+
+
+def _curves(item: Part | NeutralTendon, name: str, lost: list[str]) -> tuple[Pair, Pair]:
+    """The coefficients of higher powers of a spring and a damper."""
+    (k1, k2), (b1, b2) = item.stiffness_curve, item.damping_curve
+    if min(b1, b2) < 0:
+        lost.append(f"{name}: a damper with a coefficient below zero of a higher power")
+        b1 = b2 = 0.0
+    return (k1, k2), (b1, b2)
 
 
 def _shapes(path: Sequence[Point]) -> Iterator[tuple[Point, Point | None, Point | None, int]]:

@@ -147,8 +147,8 @@ def _add_joint(body: mujoco.MjsBody, twin_joint: TwinJoint, joint: Joint) -> Non
     added.name = twin_joint.name
     added.type = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
     added.pos, added.axis = (0.0, 0.0, 0.0), twin_joint.axis
-    added.stiffness = [joint.stiffness, 0.0, 0.0]  # linear; then the coefficients of q² and q³
-    added.damping = [joint.damping, 0.0, 0.0]
+    added.stiffness = [joint.stiffness, *joint.stiffness_poly]  # of q, q² and q³
+    added.damping = [joint.damping, *joint.damping_poly]
     added.springref, added.ref = joint.rest, 0.0
     added.armature, added.frictionloss = joint.armature, joint.friction
     added.limited = int(np.isfinite(joint.lower) and twin_joint.leader is None)

@@ -247,8 +247,10 @@ class CableFriction:
         model, lengths = self._model, data.ten_length
         shortest, longest = model.tendon_lengthspring.T
         stretch = lengths - np.minimum(np.maximum(lengths, shortest), longest)
-        pull: np.ndarray = model.tendon_stiffness * stretch
-        pull += model.tendon_damping * data.ten_velocity
+        (k1, k2), (b1, b2) = model.tendon_stiffnesspoly.T, model.tendon_dampingpoly.T
+        rate = data.ten_velocity
+        pull: np.ndarray = (model.tendon_stiffness + (k1 + k2 * stretch) * stretch) * stretch
+        pull += (model.tendon_damping + (b1 + b2 * np.abs(rate)) * np.abs(rate)) * rate
         driven = model.actuator_gear[:, 0] * data.actuator_force
         np.subtract.at(pull, model.actuator_trnid[:, 0], driven)
         return pull

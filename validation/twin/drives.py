@@ -136,8 +136,8 @@ def add_tendon(spec: mujoco.MjSpec, tendon: Tendon) -> None:
     added = spec.add_tendon()
     added.name = tendon.name
     acts = 0.0 if tendon.slack else 1.0
-    added.stiffness = [acts * tendon.stiffness, 0.0, 0.0]
-    added.damping = [acts * tendon.damping, 0.0, 0.0]
+    added.stiffness = [acts * tendon.stiffness, *tendon.stiffness_poly]
+    added.damping = [acts * tendon.damping, *tendon.damping_poly]
     # explicit, because MuJoCo's default is the length at springref
     added.springlength = (0.0, 0.0)
     added.limited, added.frictionloss, added.armature = 0, 0.0, 0.0

@@ -100,9 +100,13 @@ class PlantErrors:
             model.body_mass[:] *= bodies
             model.body_inertia[:] *= bodies[:, None]
             model.jnt_stiffness[:] *= springs
+            model.jnt_stiffnesspoly[:] *= springs[:, None]
             model.tendon_stiffness[:] *= stiffness
+            model.tendon_stiffnesspoly[:] *= stiffness
             model.dof_damping[:] *= dampers[model.dof_jntid]
+            model.dof_dampingpoly[:] *= dampers[model.dof_jntid, None]
             model.tendon_damping[:] *= damping
+            model.tendon_dampingpoly[:] *= damping
             pulls = [*twin.slack, *np.flatnonzero(model.actuator_biasprm[: twin.nu, 1])]
             model.actuator_gainprm[pulls, 0] *= stiffness
             model.actuator_biasprm[pulls, :2] *= stiffness

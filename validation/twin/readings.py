@@ -124,7 +124,9 @@ class Readings(NoisyReadings):
             ]
             t = model.tendon(sensor.tendon).id
             stretch = length - model.tendon_lengthspring[t, 0]
-            spring = model.tendon_stiffness[t] * stretch + model.tendon_damping[t] * rate
+            (k1, k2), (b1, b2) = model.tendon_stiffnesspoly[t], model.tendon_dampingpoly[t]
+            spring = (model.tendon_stiffness[t] + (k1 + k2 * stretch) * stretch) * stretch
+            spring += (model.tendon_damping[t] + (b1 + b2 * abs(rate)) * abs(rate)) * rate
             return np.array([spring - np.dot(gears, forces)])
         if sensor.kind is SensorKind.POSE:
             turned = np.zeros(3)

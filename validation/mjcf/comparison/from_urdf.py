@@ -80,6 +80,7 @@ def from_urdf(robot: Robot) -> Neutral:
                 pose.rotation @ joint.axis, pose.translation, pieces.get(name, ()), pose,
                 joint.lower, joint.upper, efforts.get(joint.name, math.inf),
                 joint.armature, joint.damping, joint.friction, joint.stiffness, joint.rest,
+                joint.stiffness_poly, joint.damping_poly,
             )
         )  # fmt: skip
         walked.append(joint.name)
@@ -107,6 +108,7 @@ def from_urdf(robot: Robot) -> Neutral:
                 tendon.name, terms, tuple(path), tendon.stiffness, tendon.damping, (rest, rest),
                 slack=tendon.slack and (tendon.stiffness or tendon.damping) > 0,
                 friction=(tendon.friction, tendon.driven),
+                stiffness_curve=tendon.stiffness_poly, damping_curve=tendon.damping_poly,
             )
         )  # fmt: skip
     motors = tuple(
