@@ -16,6 +16,7 @@
 - `discretisation`: the motion over a period in such steps, as many as it needs, with A and B;
 - `stops`: joint limits: which joints they hold, and the steps that they allow;
 - `winches`: the input of a motor that commands a cable's free length, and its inverse;
+- `motors`: bounded rate and lag of a motor, and its states with their Jacobians;
 - `derivatives`: those of accelerations; tangent and gravity stiffness;
 - `text`: the lines that ``print`` shows of a model or a State;
 - `integrators`: one time step, Runge–Kutta or with implicit damping.
