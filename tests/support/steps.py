@@ -6,7 +6,9 @@ import numpy as np
 import pinocchio as pin
 
 from softdyn import SoftModel
-from softdyn.dynamics import DiscreteStep, discrete_step
+from softdyn.dynamics import DiscreteStep, Winches, discrete_step
+from softdyn.dynamics.model import taut_gains
+from softdyn.dynamics.motors import Motors
 
 
 def moved(model: SoftModel, q: np.ndarray, there: np.ndarray) -> np.ndarray:
@@ -30,11 +32,25 @@ def differences(
 ) -> np.ndarray:
     """∂x⁺ by (x, u) with x = (q, v, acting), of fourth order.
 
-    Columns are NaN where a neighbour holds other joints or takes another number of steps.
+    Columns are NaN where a neighbour holds other joints, has other cables slack or inputs at their
+    bounds at its end, or takes another number of steps.
     """
     n, size, h, columns = model.nv, len(found.A), 2e-5, []
     if acting is not None:
         settings["motors"] = True
+    winched = settings.get("winches") or settings.get("motors")
+
+    def pulls(step: DiscreteStep, begin: np.ndarray | None, commands: np.ndarray) -> list[bool]:
+        """Whether each cable's spring and each winch's act at the end of a step."""
+        state = model.state(step.q, step.v)
+        rates = state.moment_arms @ state.v
+        some = [taut_gains(model, state.lengths, rates)[0] != 0]
+        if winched:
+            felt = commands if begin is None else Motors(model).over(begin, commands, period).mean
+            some.append(Winches(model).inputs(state.lengths, rates, felt).by_length != 0)
+        return np.concatenate(some).tolist()
+
+    here = pulls(found, acting, u)
     for axis in np.eye(size + model.nu):
         ends = []
         for k in (1, -1, 2, -2):
@@ -45,6 +61,7 @@ def differences(
                 acting=begin, **settings,
             )  # fmt: skip
             same = near.substeps == found.substeps and (near.held == found.held).all()
+            same = same and pulls(near, begin, u + x[size:]) == here
             changes = moved(model, found.q, near.q), near.v - found.v, near.acting - found.acting
             ends.append(np.concatenate(changes) if same else np.full(size, np.nan))
         columns.append((8 * (ends[0] - ends[1]) - ends[2] + ends[3]) / (12 * h))
