@@ -118,7 +118,7 @@ class SoftModel(Protocol):
             that is off the unit circle by more than 1e-6, as in all other methods.
         """
 
-    def states(self, Q: np.ndarray, V: np.ndarray) -> States:
+    def states(self, Q: np.ndarray, V: np.ndarray) -> StateBatch:
         """The States of k configurations and velocities, equal to those of `state` to the bit.
 
         Parameters
@@ -134,7 +134,7 @@ class SoftModel(Protocol):
             As `state`.
         """
         Q, V = check_batch(self, Q, V)
-        return States.of(self, [self.state(q, v) for q, v in zip(Q, V, strict=True)])
+        return StateBatch.of(self, [self.state(q, v) for q, v in zip(Q, V, strict=True)])
 
     def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Coriolis matrix C (n, n) with Ṁ - 2C skew-symmetric."""
@@ -392,7 +392,7 @@ class State:
         return self.model.gravity(self.q)
 
 
-class States:
+class StateBatch:
     """The States of k configurations and velocities, from `SoftModel.states`.
 
     ``states[i]`` is the i-th State, and a loop over them gives each. Arrays are read-only.
@@ -427,7 +427,7 @@ class States:
         vars(self).update(terms)
 
     @classmethod
-    def of(cls, model: SoftModel, states: Sequence[State]) -> States:
+    def of(cls, model: SoftModel, states: Sequence[State]) -> StateBatch:
         """Stack States of one model."""
         terms = {
             name: np.array([getattr(one, name) for one in states]).reshape(len(states), *shape)

@@ -22,7 +22,7 @@ from softdyn.dynamics.engine import (
     joint_tree,
     moved_bodies,
 )
-from softdyn.dynamics.model import SoftModel, State, States, check_batch, taut_gains
+from softdyn.dynamics.model import SoftModel, State, StateBatch, check_batch, taut_gains
 from softdyn.dynamics.tendons import TendonGeometry, compile_tendons
 from softdyn.exceptions import InputError
 
@@ -164,7 +164,7 @@ class TreeModel(SoftModel):
         scratch.latest = q
         return self._assemble(q, here, v, scratch)
 
-    def states(self, Q: np.ndarray, V: np.ndarray) -> States:
+    def states(self, Q: np.ndarray, V: np.ndarray) -> StateBatch:
         """The States of k configurations and velocities, equal to those of `state` to the bit."""
         if self.tendons.wraps or not COMPILES:
             return SoftModel.states(self, Q, V)
@@ -215,7 +215,7 @@ class TreeModel(SoftModel):
         }  # fmt: skip
         for value in terms.values():
             value.flags.writeable = False
-        return States(self, terms)
+        return StateBatch(self, terms)
 
     def _arguments(self, scratch: ThreadScratch) -> tuple[Any, ...]:
         """The kernel's arguments after the coordinates: views of the scratch, and constants."""

@@ -43,7 +43,7 @@ def check(model, q, v, u, period, found, **settings):
         for columns in (slice(0, n), slice(n, 2 * n), slice(2 * n, None)):
             block, use = right[rows, columns], kept[columns]
             error = np.abs(block - expected[rows, columns])[:, use].max(initial=0.0)
-            assert error <= 2e-7 * max(np.abs(block).max(initial=0.0), 1e-3), (rows, columns, error)
+            assert error <= 1e-7 * max(np.abs(block).max(initial=0.0), 1e-3), (rows, columns, error)
     return int(kept.sum())
 
 
@@ -114,7 +114,7 @@ def test_states_of_motors(fields, tmp_path):
     expected = differences(model, q, v, target, 0.005, found, begin)
     right = np.hstack((found.A, found.B))
     assert np.isfinite(expected).all()
-    assert np.abs(expected - right).max() < 2e-7 * np.abs(right).max()
+    assert np.abs(expected - right).max() < 1e-7 * np.abs(right).max()
 
 
 def test_motors_are_followed_through_divided_steps():

@@ -2,8 +2,8 @@
 
 First come A and B on random robots, every second one behind winches with lags and their states,
 against central differences of fourth order. A column counts if its four neighbours hold the same
-joints and have the same cables slack. Then come random steps at full inputs, from random shapes with an eighth of the joints at
-each stop, with speeds up to 100 ranges a second, over 1 to 10 ms.
+joints and have the same cables slack. Then come random steps at full inputs, from random shapes
+with an eighth of the joints at each stop, with speeds up to 100 ranges a second, over 1 to 10 ms.
 """
 
 from __future__ import annotations
@@ -78,7 +78,9 @@ def _jacobians(folder: Path, robots: int, states: int) -> None:
             compared, left = compared + int(kept.sum()), left + int((~kept).sum())
             worst[seed] = max(worst[seed], _error(model.nv, right, expected, kept))
     print(f"A and B: {robots} random robots, {states} states each, {compared} columns compared,")
-    print(f"{left} have neighbours that hold other joints or slack cables; largest relative errors:")
+    print(
+        f"{left} have neighbours that hold other joints or slack cables; largest relative errors:"
+    )
     print(*(f"{one:.1e}" for one in worst), "\n")
 
 

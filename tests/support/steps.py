@@ -35,7 +35,7 @@ def differences(
     Columns are NaN where a neighbour holds other joints, has other cables slack or inputs at their
     bounds at its end, or takes another number of steps.
     """
-    n, size, h, columns = model.nv, len(found.A), 2e-5, []
+    n, size, h, columns = model.nv, len(found.A), 1e-4, []
     if acting is not None:
         settings["motors"] = True
     winched = settings.get("winches") or settings.get("motors")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -155,7 +155,9 @@ def _rows_of_starts(options: dict[str, Any], runs: int) -> dict[str, np.ndarray]
     return found
 
 
-def _record(record: dict[str, Any], rows: dict[str, np.ndarray], given: RunOptions) -> dict:
+def _record(
+    record: Mapping[str, Any], rows: dict[str, np.ndarray], given: RunOptions
+) -> dict[str, Any]:
     """The record of a run with its own start."""
     starts = {name: getattr(given, name).tolist() for name in rows}
     return {**record, "settings": {**record["settings"], **starts}}

@@ -55,7 +55,7 @@ class Starts:
 
 
 def integrate(
-    twin: Twin, grid: TimeGrid, u: np.ndarray, starts: Starts
+    twin: Twin, grid: TimeGrid, u: np.ndarray, starts: Starts | None = None
 ) -> Iterator[tuple[np.ndarray, np.ndarray] | None]:
     """Integrate runs, as many at a time as fit in memory.
 
@@ -67,14 +67,16 @@ def integrate(
         Its steps.
     u : np.ndarray, (runs, steps, nu)
         The inputs of each period.
-    starts : Starts
-        The state of each run.
+    starts : Starts, optional
+        The state of each run, by default the twin's present one.
 
     Yields
     ------
     qpos (steps + 1, nq) and qvel (steps + 1, nv) of each run, or None for one that diverged.
     """
     model, nq = twin.model, twin.model.nq
+    if starts is None:
+        starts = Starts.of(twin, lambda _: None, len(u))
     sizes = [grid.plant_steps(k) for k in range(grid.steps)]
     samples = np.cumsum(sizes) - 1
     at_once = max(1, MOST // _bytes(twin, grid))
