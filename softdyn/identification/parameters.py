@@ -8,7 +8,7 @@ from itertools import groupby
 
 import numpy as np
 
-from softdyn.checks import array, did_you_mean, flag, instances
+from softdyn.checks import array, did_you_mean, flag, instance, instances
 from softdyn.dynamics.mimic import build
 from softdyn.dynamics.model import SoftModel, State, check_model
 from softdyn.dynamics.tree import tree_of
@@ -196,7 +196,7 @@ def columns_of(unknowns: Sequence[Parameter], sample: MotionSample, count: int) 
 
 
 def motion_columns(
-    unknowns: Sequence[Parameter], state: State, a: np.ndarray, u: np.ndarray
+    parameters: Sequence[Parameter], state: State, a: np.ndarray, u: np.ndarray
 ) -> np.ndarray:
     """∂r/∂θ (n, P) of r = M a + h - B u at the nominal values, for controllers.
 
@@ -204,7 +204,7 @@ def motion_columns(
 
     Parameters
     ----------
-    unknowns : sequence of Parameter
+    parameters : sequence of Parameter
         The P parameters of the state's robot.
     state : State
     a, u : array_like, (n,), (m,)
@@ -215,9 +215,9 @@ def motion_columns(
     InputError
         For friction, which is not part of h, and for a reduced model or one with mimic joints.
     """
-    model = state.model
+    model = instance("state", state, State, "a State, from model.state(q, v)").model
     tree_of(model)
-    unknowns = instances("parameters", unknowns, Parameter, "a Parameter")
+    unknowns = instances("parameters", parameters, Parameter, "a Parameter")
     a, u = array("a", a, (model.nv,)), array("u", u, (model.nu,))
     for one in unknowns:
         if one.kind is KINDS["friction"]:
