@@ -11,10 +11,11 @@ from itertools import pairwise
 import numpy as np
 
 from softdyn import InputError, SoftModel
-from softdyn.actuation.drives import Drives, lag_shares
+from softdyn.actuation.drives import Drives
 from softdyn.checks import number
 from softdyn.controllers.controller import KnownRig
 from softdyn.description.rig import LONGEST_DELAY
+from softdyn.dynamics.motors import lag_shares
 
 MOST_WAITING = 20_000  # commands on their way: 10 s in periods of 0.5 ms
 MOST_STEPS = 1_000  # of a prediction over the delay

@@ -38,7 +38,6 @@ from itertools import product
 import numpy as np
 
 from softdyn import SoftModel, State
-from softdyn.actuation.drives import lag_shares
 from softdyn.controllers.predictive.background import Job
 from softdyn.controllers.predictive.objective import stiffness_at_rest
 from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget
@@ -46,6 +45,7 @@ from softdyn.controllers.predictive.stops import SpringStops
 from softdyn.controllers.qps.qp import DenseQp, QpProblem
 from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.implicit_step import ImplicitStep
+from softdyn.dynamics.motors import lag_shares
 from softdyn.dynamics.stops import Stops
 
 STUCK = 1.0  # s without arriving after which targets are searched for, or another plan is made

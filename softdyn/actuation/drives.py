@@ -1,12 +1,7 @@
-"""The law of a drive: from the commands that are sent to the values that act.
+"""Drives: from the commands that are sent to the values that act, over spans of any length.
 
-A command passes first through the delay, then through the bound on its rate, then through the lag
-λ. With the driven value c and the acting value a at the begin of a span of length T,
-
-    a⁺ = c + (a - c) e^(-T/λ),    mean(a) = c + (a - c) (1 - e^(-T/λ)) λ / T.
-
-While a rate is at its bound, c is the middle of the values that it passes. The speed command of a
-winch is integrated to its free length.
+A command passes first through the delay, then through the law of `softdyn.dynamics.motors`: the
+bound on its rate and the lag. The speed command of a winch is integrated to its free length.
 
 Controllers, the observer and plans use this law. The twin's drives are MuJoCo's own.
 """
@@ -20,19 +15,10 @@ from typing import Any
 import numpy as np
 
 from softdyn.dynamics.model import SoftModel, State
+from softdyn.dynamics.motors import driven_values, lag_shares
 from softdyn.dynamics.winches import Winches
 
 SAME = 1e-9  # s; times this close are one
-
-
-def lag_shares(span: Any, lag: Any) -> tuple[np.ndarray, np.ndarray]:
-    """The shares of a - c that are left after a span (s) and in its mean: e^(-T/λ) and its mean.
-
-    Both are zero where the lag (s) is zero.
-    """
-    with np.errstate(divide="ignore"):
-        ratio = np.divide(span, lag)
-    return np.exp(-ratio), -np.expm1(-ratio) / ratio
 
 
 class Drives:
@@ -141,9 +127,7 @@ class Drives:
         """Mean acting values (m,) of the motors of `mask` while their target is constant."""
         reached = driven = target
         if self._bounded:
-            reach = self._rate * span
-            reached = self._limited + np.clip(target - self._limited, -reach, reach)
-            driven = np.where(np.isinf(reach), target, 0.5 * (self._limited + reached))
+            reached, driven = driven_values(self._limited, target, span, self._rate)
         left, in_mean = lag_shares(span, self._lag)
         gap = self.acting - driven
         after, mean = driven + gap * left, driven + gap * in_mean

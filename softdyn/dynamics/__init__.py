@@ -19,6 +19,7 @@
 - `wrench`: `Wrench`, a constant force and torque at a point of a link;
 - `stops`: joint limits: which joints they hold, and the steps that they allow;
 - `winches`: the input of a motor that commands a cable's free length, and its inverse;
+- `motors`: bounded rate and lag of a motor, and its states with their Jacobians;
 - `derivatives`: those of accelerations; tangent and gravity stiffness;
 - `text`: the lines that ``print`` shows of a model or a State;
 - `integrators`: one time step, Runge–Kutta or with implicit damping.

@@ -6,7 +6,9 @@ coordinates, q ⊕ dv. A continuous joint then has one column, and every Jacobia
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +18,9 @@ from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.model import SoftModel, State, check_model, taut_gains, taut_slopes
 from softdyn.dynamics.projection import Projection, project, underlying_tree
 from softdyn.dynamics.tree import tree_of
+
+if TYPE_CHECKING:
+    import softdyn
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,20 +35,27 @@ class Derivatives:
         ∂/∂q and ∂/∂q̇.
     u : ndarray, (k, nu)
         ∂/∂u.
+    parameters : ndarray, (k, P)
+        ∂/∂θ, θ the P parameters that were given.
     """
 
     value: np.ndarray
     q: np.ndarray
     v: np.ndarray
     u: np.ndarray
+    parameters: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 def acceleration_derivatives(
-    model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray
+    model: SoftModel,
+    q: np.ndarray,
+    v: np.ndarray,
+    u: np.ndarray,
+    parameters: Sequence[softdyn.identification.Parameter] = (),
 ) -> Derivatives:
     """q̈ (rad/s², m/s²) of `SoftModel.forward_dynamics` and its Jacobians.
 
-    The balance r(q, q̇, q̈; u) = 0 determines q̈; hence ∂q̈/∂x = -M⁻¹ ∂r/∂x for x = q, q̇, u.
+    The balance r(q, q̇, q̈; u, θ) = 0 determines q̈; hence ∂q̈/∂x = -M⁻¹ ∂r/∂x for x = q, q̇, u, θ.
 
     Parameters
     ----------
@@ -55,16 +67,29 @@ def acceleration_derivatives(
         Velocity.
     u : array_like, (nu,)
         Input.
+    parameters : sequence of softdyn.identification.Parameter
+        Parameters of this model, as `softdyn.identification.parameters` or a design's file gives
+        them: stiffness, damping, mass, bending stiffness and others. The derivatives are those of
+        the identification.
 
     Raises
     ------
     InputError
-        For a wrong shape or a number that is not finite.
+        For a wrong shape or a number that is not finite; for parameters of friction, which is not
+        part of `forward_dynamics`, and for parameters of a reduced model or of one with mimic
+        joints.
     """
     qdd = check_model(model).forward_dynamics(q, v, u)
-    terms, n = ForceBalance(model, motors=())(q, v, qdd, u), model.nv
-    blocks = np.linalg.solve(terms.by_a, -np.hstack((terms.by_q, terms.by_v, terms.by_commands)))
-    return Derivatives(qdd, blocks[:, :n], blocks[:, n : 2 * n], blocks[:, 2 * n :])
+    terms, n, m = ForceBalance(model, motors=())(q, v, qdd, u), model.nv, model.nu
+    by_theta = np.zeros((n, 0))
+    if len(parameters):
+        import softdyn  # its public names; the dynamics stand below the identification
+
+        state = model.state(q, v)
+        by_theta = softdyn.identification.motion_columns(parameters, state, qdd, u)
+    sides = terms.by_q, terms.by_v, terms.by_commands, by_theta
+    blocks = np.linalg.solve(terms.by_a, -np.hstack(sides))
+    return Derivatives(qdd, *np.split(blocks, [n, 2 * n, 2 * n + m], axis=1))
 
 
 def tangent_dynamics(

@@ -5,16 +5,21 @@ solution, else shorter ones. With x = (q, v) and the Jacobians A_k, B_k of each 
 gives those of the period:
 
     A ← A_k A,    B ← A_k B + B_k.
+
+With motors, x has their states w, too (`softdyn.dynamics.motors`). In a step the robot feels the
+mean of the values that act, ū(w, u). With the robot's A_r and B_r,
+
+    A_k = [[A_r, B_r ∂ū/∂w], [0, ∂w⁺/∂w]],    B_k = [B_r ∂ū/∂u; ∂w⁺/∂u].
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from softdyn.checks import array, instance, number, vector
+from softdyn.checks import array, flag, instance, number, vector
 from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.implicit_step import (
     ImplicitStep,
@@ -24,8 +29,9 @@ from softdyn.dynamics.implicit_step import (
     newton_matrix,
 )
 from softdyn.dynamics.model import SoftModel, check_model
+from softdyn.dynamics.motors import Motors
 from softdyn.dynamics.stops import Stops
-from softdyn.exceptions import SoftdynError
+from softdyn.exceptions import InputError, SoftdynError
 
 SHORTEST = 2**20  # sub-steps in a period; where a shorter one is needed, there is no motion to find
 ACCURACY = 1e-9  # rad, m: what is left of the forces moves no joint farther within a sub-step
@@ -65,13 +71,15 @@ class DiscreteStep:
     q, v : ndarray, (nq,), (n,)
         The state (rad, m; (cos, sin) of a continuous joint; per second).
     A : ndarray, (2n, 2n)
-        ∂(q, v)⁺ by (q, v).
+        ∂(q, v)⁺ by (q, v); with motors (2n + k, 2n + k), of (q, v, acting).
     B : ndarray, (2n, m)
-        ∂(q, v)⁺ by u.
+        ∂(q, v)⁺ by u; with motors (2n + k, m).
     held : ndarray of int, (n,)
         1 for a joint at its upper stop at the end, -1 at the lower one, 0 for a free joint.
     substeps : int
         The number of steps that it took, 1 if the first one had a solution.
+    acting : ndarray, (k,)
+        The motors' states after the period; (0,) without motors.
     """
 
     q: np.ndarray
@@ -80,6 +88,7 @@ class DiscreteStep:
     B: np.ndarray
     held: np.ndarray
     substeps: int
+    acting: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 def discrete_step(
@@ -91,6 +100,8 @@ def discrete_step(
     stops: bool = True,
     *,
     winches: bool = False,
+    motors: bool = False,
+    acting: np.ndarray | None = None,
 ) -> DiscreteStep:
     """The state after a period under a constant input, by backward Euler, with exact Jacobians.
 
@@ -114,11 +125,21 @@ def discrete_step(
     winches : bool
         Whether `u` are commands of the file's motors, for a winch the free length of its cable less
         the motor's offset, as `softdyn.actuation.Winches` gives them.
+    motors : bool
+        Whether `u` are commands of the file's motors, whose states join (q, v): the values that act
+        (m,), of u or of free lengths less their offsets. They follow the commands with the file's
+        lags and bounded rates, and winches that command a speed integrate it. Motors have further
+        states where `softdyn.dynamics.motors` says so. A delay is the caller's: it chooses the
+        command that has arrived.
+    acting : array_like, (k,), optional
+        The motors' states at the begin, as the last step's `acting`. By default `u` has acted for
+        long, and the cable of a winch that commands a speed is just slack.
 
     Raises
     ------
     InputError
-        For a wrong shape, a number that is not finite or a period that is not above zero.
+        For a wrong shape, a number that is not finite, a period that is not above zero, or motors'
+        states without motors.
     StepError
         Without a solution in 2⁻²⁰ of the period.
     """
@@ -127,25 +148,42 @@ def discrete_step(
     u, period = vector("u", u, model.nu), number("period", period, above=0.0)
     stops = instance("stops", stops, bool, "True or False")
     model.coordinates(model.integrate(q, np.zeros(n)))  # refuses (cos, sin) off the unit circle
-    balance = ForceBalance(model, motors=None if winches else ())
+    flag("winches", winches)
+    drives = Motors(model) if flag("motors", motors) else None
+    w = np.zeros(0)
+    if drives is not None:
+        w = drives.settled(q, v, u) if acting is None else vector("acting", acting, drives.size)
+    elif acting is not None:
+        raise InputError("acting", "none without motors=True", repr(acting))
+    balance = ForceBalance(model, motors=None if winches or motors else ())
     steps = _CheckedSteps(model, balance, Stops.of(model) if stops else Stops.none(model))
-    A, B, held = np.eye(2 * n), np.zeros((2 * n, model.nu)), np.zeros(n, np.int64)
+    A, B = np.eye(2 * n + len(w)), np.zeros((2 * n + len(w), model.nu))
+    held = np.zeros(n, np.int64)
     done, part, count = 0, SHORTEST, 0  # in 2⁻²⁰ of the period
     with np.errstate(all="ignore"):  # a step that overflows has no solution
         while done < SHORTEST:
             h = period * (part / SHORTEST)
-            found = steps(q, v, u, h, held)
+            span = None if drives is None else drives.over(w, u, h)
+            felt = u if span is None else span.mean
+            found = steps(q, v, felt, h, held)
             if found is None:
                 if part == 1:
-                    raise StepError(q, v, u, balance(q, v, np.zeros(n), u).residual, h)
+                    raise StepError(q, v, felt, balance(q, v, np.zeros(n), felt).residual, h)
                 part //= 2
                 continue
             q, v, held, one, other = found
+            if span is not None:
+                w = span.after
+                one, other = (
+                    np.vstack((np.hstack((one, other @ span.mean_by_state)),
+                               np.hstack((np.zeros((len(w), 2 * n)), span.after_by_state)))),
+                    np.vstack((other @ span.mean_by_command, span.after_by_command)),
+                )  # fmt: skip
             A, B = one @ A, one @ B + other
             done, count = done + part, count + 1
             if part < SHORTEST and done % (2 * part) == 0:  # the next one may be longer again
                 part *= 2
-    return DiscreteStep(q, v, A, B, held, count)
+    return DiscreteStep(q, v, A, B, held, count, w)
 
 
 class _CheckedSteps:

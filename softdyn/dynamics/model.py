@@ -7,13 +7,14 @@ chooses.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from softdyn.checks import array, vector
+from softdyn.checks import array, length, vector
 from softdyn.description.robot import Robot
 from softdyn.dynamics import text
 from softdyn.dynamics.curves import Curves, curves_of
@@ -156,6 +157,24 @@ class SoftModel(Protocol):
             For a wrong shape, a number that is not finite, or (cos, sin) of a continuous joint
             that is off the unit circle by more than 1e-6, as in all other methods.
         """
+
+    def states(self, Q: np.ndarray, V: np.ndarray) -> StateBatch:
+        """The States of k configurations and velocities, equal to those of `state` to the bit.
+
+        Parameters
+        ----------
+        Q : array_like, (k, nq)
+            Configurations.
+        V : array_like, (k, n)
+            Velocities.
+
+        Raises
+        ------
+        InputError
+            As `state`.
+        """
+        Q, V = check_batch(self, Q, V)
+        return StateBatch.of(self, [self.state(q, v) for q, v in zip(Q, V, strict=True)])
 
     def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Coriolis matrix C (n, n) with Ṁ - 2C skew-symmetric."""
@@ -483,6 +502,85 @@ class State:
     def F(self) -> np.ndarray:
         """Sum (n,) of the forces of one's own; computed on first use unless it was given."""
         return self.model.forces_at(self.q, self.v)
+
+
+class StateBatch:
+    """The States of k configurations and velocities, from `SoftModel.states`.
+
+    ``states[i]`` is the i-th State, and a loop over them gives each. Arrays are read-only.
+
+    Attributes
+    ----------
+    model : SoftModel
+        The robot's model.
+    q, v, M, bias, K, D, B, h, J, Jdot, y, ydot, lengths, moment_arms : ndarray, (k, …)
+        The terms of `State` with a leading k. `g` (k, n), too, computed on first use where
+        `SoftModel.states` did not give it.
+    """
+
+    model: SoftModel
+    q: np.ndarray
+    v: np.ndarray
+    M: np.ndarray
+    bias: np.ndarray
+    K: np.ndarray
+    D: np.ndarray
+    B: np.ndarray
+    h: np.ndarray
+    J: np.ndarray
+    Jdot: np.ndarray
+    y: np.ndarray
+    ydot: np.ndarray
+    lengths: np.ndarray
+    moment_arms: np.ndarray
+
+    def __init__(self, model: SoftModel, terms: dict[str, np.ndarray]) -> None:
+        self.model, self._names = model, tuple(terms)
+        vars(self).update(terms)
+
+    @classmethod
+    def of(cls, model: SoftModel, states: Sequence[State]) -> StateBatch:
+        """Stack States of one model."""
+        terms = {
+            name: np.array([getattr(one, name) for one in states]).reshape(len(states), *shape)
+            for name, shape in _shapes(model).items()
+        }
+        for value in terms.values():
+            value.flags.writeable = False
+        return cls(model, terms)
+
+    @cached_property
+    def g(self) -> np.ndarray:
+        """Gravity force g (k, n)."""
+        return np.array([one.g for one in self]).reshape(self.v.shape)
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def __getitem__(self, number: int) -> State:
+        terms = {name: getattr(self, name)[number] for name in self._names}
+        if not terms["B"].flags.f_contiguous and self.model.tendons.spatial:
+            terms["B"] = np.asfortranarray(terms["B"])  # the layout of the model's own B
+            terms["B"].flags.writeable = False
+        return State.trusted(model=self.model, **terms)
+
+    def __iter__(self) -> Iterator[State]:
+        return (self[k] for k in range(len(self)))
+
+    def __repr__(self) -> str:
+        return f"<{len(self)} States of {self.model.name!r}>"
+
+
+def check_batch(model: SoftModel, Q: Any, V: Any) -> tuple[np.ndarray, np.ndarray]:
+    """k configurations (k, nq) and velocities (k, n) as new arrays.
+
+    Raises
+    ------
+    InputError
+        For a wrong shape or a number that is not finite.
+    """
+    Q = array("Q", Q, (length("Q", Q), model.nq))
+    return Q, array("V", V, (len(Q), model.nv))
 
 
 def _shapes(model: SoftModel) -> dict[str, tuple[int, ...]]:

@@ -32,7 +32,7 @@ from softdyn.dynamics.forces import (
     total_energy,
     total_force,
 )
-from softdyn.dynamics.model import SoftModel, State, taut_gains
+from softdyn.dynamics.model import SoftModel, State, StateBatch, check_batch, taut_gains
 from softdyn.dynamics.points import BodyPoint
 from softdyn.dynamics.tendons import TendonGeometry, compile_tendons
 from softdyn.exceptions import InputError
@@ -195,6 +195,65 @@ class TreeModel(SoftModel):
         scratch.latest = q
         return self._assemble(q, here, v, scratch)
 
+    def states(self, Q: np.ndarray, V: np.ndarray) -> StateBatch:
+        """The States of k configurations and velocities, equal to those of `state` to the bit."""
+        if self.tendons.wraps or self._curved or self._forces or not COMPILES:
+            return SoftModel.states(self, Q, V)
+        Q, V = check_batch(self, Q, V)
+        Q.flags.writeable = V.flags.writeable = True  # else Numba compiles the kernel once more
+        k, scratch = len(Q), self._scratch
+        model, data, args = self.engine, scratch.data, self._arguments(scratch)
+        coordinates = Q
+        if self._turns:
+            for q in Q:
+                self.chart.check(q, self.joint_names)
+            coordinates = np.array([self.chart.of(q) for q in Q]).reshape(k, self.nv)
+        here = Q
+        if self.chart.floating:
+            here = Q.copy()
+            here[:, :3] = 0.0
+        joint_rows, tips = np.empty((k, *self._joint_rows)), np.empty((k, self._tip_and_lengths))
+        scratch.latest = None
+        for q, v, at, rows, tip in zip(here, V, coordinates, joint_rows, tips, strict=True):
+            pin.nonLinearEffects(model, data, q, v)
+            pin.computeCentroidalMap(model, data, q)
+            if not scratch.in_view:
+                scratch.memory.copy_from(data)
+            kernels.segments_and_state(rows, tip, v, at, *args)
+        if self.chart.floating:
+            tips[:, :3] += Q[:, :3]
+        n, count, rows = self.nv, len(self.tendons.names), joint_rows.swapaxes(0, 1)
+        M, J, Jdot = (joint_rows[:, a:b] for a, b in ((0, n), (n, n + 3), (n + 3, n + 6)))
+        bias, K, h, g = rows[n + 6 : n + kernels.JOINT_TERMS]
+        lengths, arms, B = tips[:, 6:], self._fixed_arms, self._fixed_B
+        if self._spatial:
+            first = n + kernels.JOINT_TERMS
+            arms = joint_rows[:, first : first + count]
+            B = joint_rows[:, first + count :].swapaxes(1, 2)
+        arms, B = (np.broadcast_to(one, (k, *one.shape[-2:])) for one in (arms, B))
+        D = np.broadcast_to(self._fixed_D, (k, n, n))
+        if self._slackens or self._damped:
+            damping = self.tendon_damping
+            D = np.empty((k, n, n))
+            for i in range(k):  # one by one, for the order of the additions
+                if self._slackens:
+                    damping = taut_gains(self, lengths[i], arms[i] @ V[i])[1]
+                D[i] = self._damping_matrix(arms[i], damping)
+        terms = {
+            "q": Q, "v": V, "M": M, "bias": bias, "K": K, "D": D, "B": B, "h": h, "g": g, "J": J,
+            "Jdot": Jdot, "y": tips[:, :3], "ydot": tips[:, 3:6], "lengths": lengths,
+            "moment_arms": arms,
+        }  # fmt: skip
+        for value in terms.values():
+            value.flags.writeable = False
+        return StateBatch(self, terms)
+
+    def _arguments(self, scratch: ThreadScratch) -> tuple[Any, ...]:
+        """The kernel's arguments after the coordinates: views of the scratch, and constants."""
+        if not scratch.arguments:
+            scratch.arguments = (*scratch.memory, *self._constants)
+        return scratch.arguments
+
     def _by_kernel(
         self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: ThreadScratch
     ) -> State:
@@ -202,8 +261,6 @@ class TreeModel(SoftModel):
         pin.computeCentroidalMap(self.engine, scratch.data, here)
         if not scratch.in_view:
             scratch.memory.copy_from(scratch.data)
-        if not scratch.arguments:
-            scratch.arguments = (*scratch.memory, *self._constants)
         joint_rows, tip_and_lengths = np.empty(self._joint_rows), np.empty(self._tip_and_lengths)
         coordinates = q if self.nq == self.nv else self.chart.of(q)
         fill: Callable[..., None] = kernels.segments_and_state
@@ -211,7 +268,7 @@ class TreeModel(SoftModel):
             fill, geometry = kernels.state_terms, self._geometry(coordinates)
             kernels.tip_terms(tip_and_lengths)[2][:] = geometry.lengths
             kernels.tendon_terms(joint_rows, len(geometry.lengths))[0][:] = geometry.moment_arms
-        fill(joint_rows, tip_and_lengths, v, coordinates, *scratch.arguments)
+        fill(joint_rows, tip_and_lengths, v, coordinates, *self._arguments(scratch))
         if here is not q:
             tip_and_lengths[:3] += q[:3]
         D, extra = self._fixed_D, {}

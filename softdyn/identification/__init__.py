@@ -49,6 +49,7 @@ from softdyn.identification.outputs import measured_outputs as measured_outputs
 from softdyn.identification.parameters import Parameter as Parameter
 from softdyn.identification.parameters import camera_unknowns as camera_unknowns
 from softdyn.identification.parameters import member_values as member_values
+from softdyn.identification.parameters import motion_columns as motion_columns
 from softdyn.identification.parameters import parameters as parameters
 from softdyn.identification.parameters import unknowns_of as unknowns_of
 from softdyn.identification.parameters import with_values as with_values

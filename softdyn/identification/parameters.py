@@ -8,9 +8,9 @@ from itertools import groupby
 
 import numpy as np
 
-from softdyn.checks import array, did_you_mean, flag, instances
+from softdyn.checks import array, did_you_mean, flag, instance, instances
 from softdyn.dynamics.mimic import build
-from softdyn.dynamics.model import SoftModel, check_model
+from softdyn.dynamics.model import SoftModel, State, check_model
 from softdyn.dynamics.tree import tree_of
 from softdyn.exceptions import InputError
 from softdyn.identification.markers.camera import CAMERA
@@ -18,6 +18,7 @@ from softdyn.identification.unknowns.kinds import (
     INPUT_LOSS,
     KINDS,
     SEEN,
+    Around,
     Kind,
     MotionSample,
     Neighbour,
@@ -191,6 +192,47 @@ def columns_of(unknowns: Sequence[Parameter], sample: MotionSample, count: int) 
         if tree_of(beside).engine is not engine:  # else only its markers differ
             here = sample.residual(sample.state.model) if here is None else here
             found[:, k] = (sample.residual(beside) - here) / width
+    return found
+
+
+def motion_columns(
+    parameters: Sequence[Parameter], state: State, a: np.ndarray, u: np.ndarray
+) -> np.ndarray:
+    """∂r/∂θ (n, P) of r = M a + h - B u at the nominal values, for controllers.
+
+    Numbers of a design and radii of round bodies have central differences, the others closed forms.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+        The P parameters of the state's robot.
+    state : State
+    a, u : array_like, (n,), (m,)
+        Acceleration and input.
+
+    Raises
+    ------
+    InputError
+        For friction, which is not part of h, and for a reduced model or one with mimic joints.
+    """
+    model = instance("state", state, State, "a State, from model.state(q, v)").model
+    tree_of(model)
+    unknowns = instances("parameters", parameters, Parameter, "a Parameter")
+    a, u = array("a", a, (model.nv,)), array("u", u, (model.nu,))
+    for one in unknowns:
+        if one.kind is KINDS["friction"]:
+            raise InputError("parameters", "parameters of the model's motion", one.label)
+    sample, theta = MotionSample(state, a, u, Around(model)), [one.nominal for one in unknowns]
+    found = columns_of(unknowns, sample, len(unknowns))
+    for k, one in enumerate(unknowns):
+        if not one.kind.differs:
+            continue
+        shift = DIFFERENCE * max(abs(theta[k]), DIFFERENCE * one.scale)
+        step = shift * np.eye(len(theta))[k]
+        above, below = (
+            sample.residual(with_values(model, unknowns, theta + s * step)) for s in (1, -1)
+        )
+        found[:, k] = (above - below) / (2 * shift)
     return found
 
 

@@ -35,7 +35,8 @@ samples
 reachable
     Targets that a robot can reach: points, paths, rates; directions of the tip in each cell.
 target_search
-    The search for inputs that hold a target: `inputs_for_tip`, `inputs_for_tasks`.
+    The search for inputs that hold a target: `inputs_for_tip`, `inputs_for_tips`,
+    `inputs_for_tasks`.
 zero_dynamics
     Rank of B, stiffness against gravity in directions without an input, poles of the zero dynamics.
 suspicious_values
@@ -69,6 +70,7 @@ from softdyn.statics.target_search import (
     TipSearch,
     inputs_for_tasks,
     inputs_for_tip,
+    inputs_for_tips,
 )
 from softdyn.statics.unknown_inputs import explore
 from softdyn.statics.zero_dynamics import zero_spectrum
@@ -76,7 +78,8 @@ from softdyn.statics.zero_dynamics import zero_spectrum
 __all__ = [
     "Diagnosis", "Equilibrium", "Loop", "NoEquilibrium", "ReachCell", "StaticsError",
     "StuckRest", "TaskSearch", "TipSearch", "approach", "balance", "diagnose", "explore",
-    "follow", "gravity_stiffness", "inputs_for_tasks", "inputs_for_tip", "loop_around",
+    "follow", "gravity_stiffness", "inputs_for_tasks", "inputs_for_tip", "inputs_for_tips",
+    "loop_around",
     "potential", "ramp", "random_inputs", "random_shapes", "reach_by_direction", "residual",
     "rest", "rest_after", "rest_interval", "sample_between", "sample_rests", "settle",
     "spread_rests", "stiffness", "zero_spectrum",

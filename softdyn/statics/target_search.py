@@ -190,6 +190,35 @@ def inputs_for_tip(
     return TipSearch(target, distinct(sorted(search.ends, key=search.order)), search.timed_out)
 
 
+def inputs_for_tips(
+    model: SoftModel, targets: np.ndarray, starts: Iterable[Equilibrium] = (), **settings: Any
+) -> tuple[TipSearch, ...]:
+    """`inputs_for_tip` for many targets, one after the other, with the results of single calls.
+
+    All searches share the sampled equilibria. Threads do not shorten it: a search is Python. In
+    processes, ``joblib.delayed(statics.inputs_for_tip)(model, target)`` is a call for each target.
+
+    Parameters
+    ----------
+    targets : array_like, (k, 3)
+        Targets in the world (m).
+    starts : iterable of Equilibrium
+        As for `inputs_for_tip`.
+    **settings : Any
+        Its other arguments. `seconds` is the time for each target.
+
+    Raises
+    ------
+    StaticsError
+        If the robot has no equilibrium under the least input.
+    InputError
+        As `inputs_for_tip`.
+    """
+    targets = array("targets", targets, (length("targets", targets), 3))
+    given = instances("starts", starts, Equilibrium, "an Equilibrium")
+    return tuple(inputs_for_tip(model, target, given, **settings) for target in targets)
+
+
 def inputs_for_tasks(
     model: SoftModel,
     tasks: Sequence[Task],

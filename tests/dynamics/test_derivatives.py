@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,8 +16,10 @@ from softdyn.dynamics.derivatives import (
     tangent_dynamics,
     tendon_curvature,
 )
+from softdyn.identification import DesignFile, unknowns_of, with_values
 from tests.proof.crosschecks.random_robots import write_robot
-from tests.support.arms import PROJECTIONS
+from tests.support.arms import PROJECTIONS, THREE_SECTIONS
+from tests.support.balanced import balanced
 from tests.support.oracles import gradient, relative
 
 BAR = 1e-7
@@ -101,6 +105,63 @@ def test_contracted_tendon_hessians(model):
     total, rates = tendon_curvature(model, q, force, v)
     assert relative(np.tensordot(force, dense, 1), total) < 1e-11
     assert relative(dense @ v, rates) < 1e-11
+
+
+@pytest.mark.parametrize("name", ["finger", "spirob", "winched"])
+def test_acceleration_by_parameters(name, tmp_path):
+    """Against central differences of robots with other values."""
+    model = balanced(name, tmp_path)
+    q, v, u = random_case(model)
+    kinds = ["stiffness", "damping", "mass", "rest", "gear", "free_length"]
+    kinds += ["armature"] * bool(model.armature.any())
+    kinds += ["tendon_stiffness", "tendon_damping"] * bool(model.tendon_stiffness.any())
+    unknowns = unknowns_of(model, kinds)
+    found = acceleration_derivatives(model, q, v, u, unknowns)
+    theta, expected = np.array([one.nominal for one in unknowns]), []
+    for k, one in enumerate(unknowns):
+        h = 1e-4 * one.scale * np.eye(len(theta))[k]
+        ends = [with_values(model, unknowns, theta + s * h).forward_dynamics(q, v, u)
+                for s in (1, -1)]  # fmt: skip
+        expected.append((ends[0] - ends[1]) / (2 * h[k]))
+    scale = np.array([one.scale for one in unknowns])
+    assert relative(np.array(expected).T * scale, found.parameters * scale) <= BAR
+
+
+def test_acceleration_by_a_bending_stiffness_and_an_offset(tmp_path):
+    """Of an arm's design, where the identification has differences."""
+    (tmp_path / "arm.toml").write_text(THREE_SECTIONS, "utf-8")
+    design = DesignFile(tmp_path / "arm.toml")
+    unknowns = design.unknowns(["youngs_modulus", "offset"])
+    model = design.model
+    rng = np.random.default_rng(1)
+    q, v = 0.05 * rng.normal(size=model.nv), rng.normal(size=model.nv)
+    u = rng.uniform(model.u_min, model.u_max)
+    found = acceleration_derivatives(model, q, v, u, unknowns)
+    theta = np.array([one.nominal for one in unknowns])
+    for k, one in enumerate(unknowns):
+        h = 1e-3 * abs(one.nominal) * np.eye(len(theta))[k]
+        near = [with_values(model, unknowns, theta + s * h).forward_dynamics(q, v, u)
+                for s in (1, -1, 2, -2)]  # fmt: skip
+        slope = (8 * (near[0] - near[1]) - near[2] + near[3]) / (12 * h[k])
+        assert relative(slope, found.parameters[:, k]) <= 10 * BAR, one.label
+
+
+def test_parameters_of_another_kind_are_refused(tmp_path):
+    model = softdyn.load("finger")
+    still = np.zeros(4), np.zeros(2)
+    with pytest.raises(InputError):
+        acceleration_derivatives(model, model.q0, *still, ["stiffness"])
+    rubbing = softdyn.build(replace(model.robot, joints=tuple(
+        replace(one, friction=0.1) for one in model.robot.joints
+    )))  # fmt: skip
+    with pytest.raises(InputError):
+        acceleration_derivatives(rubbing, model.q0, *still, unknowns_of(rubbing, ["friction"]))
+    gripper = PROJECTIONS["mimic"](tmp_path)
+    with pytest.raises(InputError):
+        acceleration_derivatives(
+            gripper, gripper.q0, np.zeros(gripper.nv), np.zeros(gripper.nu),
+            unknowns_of(model, ["stiffness"]),
+        )  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import softdyn
 from softdyn import InputError, SoftModel
+from softdyn.actuation import CommandKind, Winches
+from softdyn.actuation.drives import Drives
 from softdyn.dynamics import ForceBalance, StepError, discrete_step
 from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support.arms import PROJECTIONS
 from tests.support.balanced import balanced, case
 from tests.support.micro import FLOATING, GRIPPER, write
+from tests.support.steps import differences
 
 MODELS = ("finger", "spirob", "slack", "winched", *PROJECTIONS, "walker", "wrapped")
 
@@ -31,33 +34,6 @@ def model(request, tmp_path):
     return balanced(name, tmp_path)
 
 
-def moved(model: SoftModel, q: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """dq (n,) with q ⊕ dq = there."""
-    step = model.coordinates(there) - model.coordinates(q)
-    step = np.where(np.abs(step) > np.pi, step - 2 * np.pi * np.sign(step), step)
-    if model.robot.floating:
-        step[:6] = pin.liegroups.SE3().difference(q[:7], there[:7])
-    return step
-
-
-def differences(model, q, v, u, period, found, **settings):
-    """∂(q, v)⁺ by (q, v, u), of fourth order; NaN where a neighbour holds other joints."""
-    n, h, columns = model.nv, 2e-5, []
-    for axis in np.eye(2 * n + model.nu):
-        ends = []
-        for k in (1, -1, 2, -2):
-            x = k * h * axis
-            near = discrete_step(
-                model, model.integrate(q, x[:n]), v + x[n : 2 * n], u + x[2 * n :], period,
-                **settings,
-            )  # fmt: skip
-            same = near.substeps == found.substeps and (near.held == found.held).all()
-            end = np.concatenate((moved(model, found.q, near.q), near.v - found.v))
-            ends.append(end if same else np.full(2 * n, np.nan))
-        columns.append((8 * (ends[0] - ends[1]) - ends[2] + ends[3]) / (12 * h))
-    return np.array(columns).T
-
-
 def check(model, q, v, u, period, found, **settings):
     """Compare; the number of columns whose neighbours all hold the same joints."""
     n = model.nv
@@ -67,7 +43,7 @@ def check(model, q, v, u, period, found, **settings):
         for columns in (slice(0, n), slice(n, 2 * n), slice(2 * n, None)):
             block, use = right[rows, columns], kept[columns]
             error = np.abs(block - expected[rows, columns])[:, use].max(initial=0.0)
-            assert error <= 2e-7 * max(np.abs(block).max(initial=0.0), 1e-3), (rows, columns, error)
+            assert error <= 1e-7 * max(np.abs(block).max(initial=0.0), 1e-3), (rows, columns, error)
     return int(kept.sum())
 
 
@@ -87,6 +63,78 @@ def test_commands_of_winches(tmp_path):
     found = discrete_step(model, q, v, commands, 0.005, winches=True)
     assert found.B.any()
     assert check(model, q, v, commands, 0.005, found, winches=True) == 2 * model.nv + model.nu
+
+
+def with_motors(folder, **fields) -> SoftModel:
+    """An arm with a winch and a force motor, with these fields of both."""
+    robot = balanced("winched", folder).robot
+    changed = tuple(
+        replace(one, **{name: values[k] for name, values in fields.items()})
+        for k, one in enumerate(robot.actuators)
+    )
+    return softdyn.build(replace(robot, actuators=changed))
+
+
+MOTORS = {
+    "lags": {},
+    "none": {"lag": (0.0, 0.0)},
+    "bounded rates": {"rate": (0.5, 40.0), "lag": (0.0, 0.01)},
+    "far from their rates": {"rate": (1e4, 1e6)},
+    "speed": {"command": (CommandKind.VELOCITY, CommandKind.FORCE), "lag": (0.0, 0.01)},
+    "late speed": {"command": (CommandKind.VELOCITY, CommandKind.FORCE), "rate": (3.0, np.inf)},
+}
+
+
+@pytest.mark.parametrize("fields", MOTORS.values(), ids=MOTORS)
+def test_states_of_motors(fields, tmp_path):
+    """A and B of (q, v, acting) against differences, and the values against the drives' law."""
+    model = with_motors(tmp_path, **fields)
+    q, v, _, commands, _ = case(model, ())
+    begin = discrete_step(model, q, v, commands, 1e-4, motors=True).acting
+    target = commands + np.array([-0.003, 2.0])
+    if model.robot.speeds[0]:
+        target[0] = -0.2
+    found = discrete_step(model, q, v, target, 0.005, motors=True, acting=begin)
+    size = 2 * model.nv + len(begin)
+    assert found.A.shape == (size, size)
+    assert found.B.shape == (size, model.nu)
+
+    drives = Drives([one.lag for one in model.robot.actuators], [0, 0],
+                    [one.rate for one in model.robot.actuators], Winches(model),
+                    model.robot.speeds)  # fmt: skip
+    drives.reset(model.state(q, v), model.relaxed, 0.0)
+    drives.begin(commands, 0.0)
+    drives.over(0.0, 1e-4)
+    drives.send(1e-4, target)
+    mean = drives.over(1e-4, 0.0051)
+    plain = discrete_step(model, q, v, mean, 0.005, winches=True)
+    np.testing.assert_allclose(found.q, plain.q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.acting[: model.nu], drives.commands, rtol=1e-12)
+
+    expected = differences(model, q, v, target, 0.005, found, begin)
+    right = np.hstack((found.A, found.B))
+    assert np.isfinite(expected).all()
+    assert np.abs(expected - right).max() < 1e-7 * np.abs(right).max()
+
+
+def test_motors_are_followed_through_divided_steps():
+    """A helix whose motors lag: the motors' states do not depend on how often a step is divided."""
+    robot = softdyn.load("helix").robot
+    lagging = tuple(replace(one, lag=0.02) for one in robot.actuators)
+    model = softdyn.build(replace(robot, actuators=lagging))
+    rng, divided = np.random.default_rng(5), 0
+    n, size = model.nv, model.upper - model.lower
+    for _ in range(20):
+        q, v = (
+            model.configuration(model.lower + rng.random(n) * size),
+            10 * size * rng.normal(size=n),
+        )
+        u = np.where(rng.random(model.nu) < 0.5, model.u_min, model.u_max)
+        found = discrete_step(model, q, v, u, 0.01, motors=True, acting=np.zeros(model.nu))
+        divided += found.substeps > 1
+        np.testing.assert_allclose(found.acting, u * -np.expm1(-0.5), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(found.B[2 * n :], -np.expm1(-0.5) * np.eye(model.nu), atol=1e-12)
+    assert divided
 
 
 def test_a_turning_base_has_jacobians_of_its_own(tmp_path):
@@ -192,7 +240,8 @@ def test_no_motion_is_an_error_that_has_the_state():
         ("q", {"q": [0.0]}), ("q", {"q": [np.nan] * 4}), ("v", {"v": [0.0] * 5}),
         ("u", {"u": [np.inf, 0]}), ("period", {"period": 0.0}), ("period", {"period": -0.01}),
         ("period", {"period": np.nan}), ("stops", {"stops": "hard"}),
-        ("model", {"model": "finger"}),
+        ("model", {"model": "finger"}), ("motors", {"motors": 1}), ("winches", {"winches": "yes"}),
+        ("acting", {"acting": [0.0, 0.0]}), ("acting", {"motors": True, "acting": [0.0]}),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_line(name, given):

@@ -10,6 +10,7 @@ of them.
 - `rig_faults`: runs on a served rig that fail at random times;
 - `planted`: `compare` against defects planted in random robots;
 - `pictures`, `gallery`, `film`: the documents' pictures, the replays of the site, clips;
+- `discrete_steps`: Jacobians of steps against differences, and violent steps;
 - `batches`: our robots in MuJoCo Warp, with the figures of docs/gpu.md;
 - `tables`, `documents`: the documents' tables;
 - `weights`: the size of each package that an installation brings;

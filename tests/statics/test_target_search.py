@@ -30,6 +30,24 @@ STANDING = load_text("""<robot name="pendulum"><link name="world"/><link name="r
 TIP = FINGER.robot.task
 
 
+def test_many_targets_have_the_results_of_single_calls():
+    targets = np.array([[0.127, 0.0, -0.127], [0.15, 0.0, -0.05]])
+    settings = {"shapes": 2, "rays": 0, "seconds": math.inf}
+    several = statics.inputs_for_tips(FINGER, targets, **settings)
+    assert len(several) == 2
+    for target, found in zip(targets, several, strict=True):
+        alone = statics.inputs_for_tip(FINGER, target, **settings)
+        np.testing.assert_array_equal(found.nearest.u, alone.nearest.u)
+        np.testing.assert_array_equal(found.target, target)
+
+
+@pytest.mark.parametrize("targets", [[0.1, 0, 0], [[0.1, 0]], [[np.nan] * 3], 1.0])
+def test_many_targets_of_another_form_are_refused(targets):
+    with pytest.raises(InputError) as caught:
+        statics.inputs_for_tips(FINGER, targets)
+    assert caught.value.name == "targets"
+
+
 @pytest.fixture(scope="module")
 def known() -> list[statics.Equilibrium]:
     return [statics.settle(FINGER, u) for u in ([-0.2, -0.1], [0.1, 0.15])]

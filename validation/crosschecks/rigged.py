@@ -18,11 +18,11 @@ import numpy as np
 
 import softdyn
 from softdyn.actuation import Capstan, Winches
-from softdyn.actuation.drives import lag_shares
 from softdyn.description.readings import ReadingLayout
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.description.robot import Robot
 from softdyn.dynamics.model import SoftModel, State
+from softdyn.dynamics.motors import lag_shares
 from softdyn.validation.crosschecks import trajectories
 from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
 from softdyn.validation.crosschecks.result import TrajectoryRun

@@ -147,16 +147,12 @@ class ClosedLoop(Separate):
             expected = f"at most the run's {self.grid.duration:g} s"
             raise InputError("period", expected, f"{self.grid.period:g} s")
         check_controller(controller)
-        q, self.start = starting_pose(model, options.q0)
-        v = np.zeros(model.nv) if options.v0 is None else array("v0", options.v0, (model.nv,))
+        (q, v), self.start = self._start_of(options)
         warn_of_fast_springs(model, model.state(q, v), self.grid.timestep)
         plant = plant_of(model, options, self.grid.period, self.grid.timestep)
         observer = make_observer(model, options.rig, options.observer)
         self.loop = ControlLoop(model, plant, controller, observer)
-        try:
-            plant.start(q, v)
-        except SimulationError as error:
-            raise InputError("q0, v0", "a state that MuJoCo can start from", error.reason) from None
+        self.begin(options)
         self.name, self.surroundings = options.name or name_of(controller), options.surroundings
         self._record = Recorder(model, self.grid.times(), self.loop.channels)
         if self.surroundings is not None:
@@ -174,6 +170,20 @@ class ClosedLoop(Separate):
         self.record = record_of(model, controller, given, options, observer)
         self.steps, self.done, self._complete = 0, False, False
         self.reason: str | None = None
+
+    def _start_of(self, options: RunOptions) -> tuple[tuple[np.ndarray, np.ndarray], str]:
+        """The state (q, v) from which these settings begin, and what is to be said of it."""
+        model = self.model
+        q, said = starting_pose(model, options.q0)
+        v = np.zeros(model.nv) if options.v0 is None else array("v0", options.v0, (model.nv,))
+        return (q, v), said
+
+    def begin(self, options: RunOptions) -> None:
+        """Put the plant in the state from which these settings begin."""
+        try:
+            self.plant.start(*self._start_of(options)[0])
+        except SimulationError as error:
+            raise InputError("q0, v0", "a state that MuJoCo can start from", error.reason) from None
 
     @property
     def samples(self) -> int:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from softdyn import InputError, Reference, SoftModel, State
+from softdyn.checks import array
 from softdyn.dynamics.model import check_model
 from softdyn.validation.loop.arguments import nowhere
 from softdyn.validation.loop.closed_loop import ClosedLoop
@@ -78,7 +79,7 @@ def rollouts(
     commands: Sequence[str] = (),
     **options: Any,
 ) -> list[Log]:
-    """Several rollouts of one robot on all cores, each from the same state.
+    """Several rollouts of one robot on all cores, from one state or each from its own.
 
     MuJoCo integrates them in threads; with a rig each runs in a worker process. The numbers are
     those of single rollouts, to the last bit.
@@ -86,7 +87,7 @@ def rollouts(
     Parameters
     ----------
     model, duration, hold, commands, **options
-        As for `rollout`.
+        As for `rollout`. ``q0`` and ``v0`` may have a row for each run, (runs, nq) and (runs, nv).
     batch : sequence of inputs, or np.ndarray, (runs, steps, nu)
         The inputs of each run, all in forms with the same period.
 
@@ -103,7 +104,8 @@ def rollouts(
     check_model(model)
     if not isinstance(batch, Sequence | np.ndarray) or not len(batch):
         raise InputError("batch", "the inputs of each run", repr(batch))
-    given = RunOptions.of(options)
+    rows = _rows_of_starts(options, len(batch))
+    given = RunOptions.of({**options, **{name: values[0] for name, values in rows.items()}})
     commanded = Commanded.of(model, commands, given.rig)
     planned = [
         held_inputs(model, inputs, duration, hold, given.period, given.timestep, commanded)
@@ -117,21 +119,48 @@ def rollouts(
     given = replace(given, duration=duration, period=grid.period, timestep=grid.timestep)
     u = np.array([each for _, each in planned])
     loop = _loop(model, u[0], given, commanded.direct)
+    begins = [
+        replace(given, **{name: values[k] for name, values in rows.items()}) for k in range(len(u))
+    ]
     twin = loop.plant.engine if isinstance(loop.plant, IdealPlant) else None
     twin = twin if given.surroundings is None else None  # threads record no reserve and no force
     if isinstance(twin, Twin) and threads.fits(twin, grid):
         twin.model.opt.enableflags = 0  # nothing here needs the energy
         empty, states = loop.log(), StateMap(model, twin)
+        starts = threads.Starts.of(twin, lambda k: loop.begin(begins[k]), len(u))
         found = []
-        for each, moved in zip(u, threads.integrate(twin, grid, u), strict=True):
+        moves = threads.integrate(twin, grid, u, starts)
+        for each, options_k, moved in zip(u, begins, moves, strict=True):
             if moved is None:  # the loop says why it diverged
-                found.append(_run(model, each, given, commanded.direct))
+                found.append(_run(model, each, options_k, commanded.direct))
                 continue
-            q, v = (np.array(rows) for rows in zip(*map(states.from_twin, *moved), strict=True))
-            found.append(_filled(empty, model, grid, q, v, each))
+            q, v = (np.array(some) for some in zip(*map(states.from_twin, *moved), strict=True))
+            log = _filled(empty, model, grid, q, v, each)
+            found.append(log.altered(record=_record(log.record, rows, options_k)) if rows else log)
         return found
-    cases = [(model, each, given, commanded.direct) for each in u]
+    cases = [
+        (model, each, options_k, commanded.direct)
+        for each, options_k in zip(u, begins, strict=True)
+    ]
     return in_order(_run, cases, -1 if len(u) > 1 else 1)
+
+
+def _rows_of_starts(options: dict[str, Any], runs: int) -> dict[str, np.ndarray]:
+    """Those of ``q0`` and ``v0`` that have a row for each run."""
+    found = {}
+    for name in ("q0", "v0"):
+        value = options.get(name)
+        if value is not None and np.ndim(value) == 2:
+            found[name] = array(name, value, (runs, np.shape(value)[1]))
+    return found
+
+
+def _record(
+    record: Mapping[str, Any], rows: dict[str, np.ndarray], given: RunOptions
+) -> dict[str, Any]:
+    """The record of a run with its own start."""
+    starts = {name: getattr(given, name).tolist() for name in rows}
+    return {**record, "settings": {**record["settings"], **starts}}
 
 
 class _GivenInputs:

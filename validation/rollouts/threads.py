@@ -6,7 +6,8 @@ The steps are those of `Twin.advance`, so a run has the same numbers to the last
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -28,10 +29,35 @@ def fits(twin: Twin, grid: TimeGrid) -> bool:
     return not rubs and _bytes(twin, grid) <= MOST
 
 
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """The states of MuJoCo from which runs begin.
+
+    Attributes
+    ----------
+    states, warmstarts : np.ndarray, (runs, sizes)
+        Full physics states, and the solver's warm starts.
+    """
+
+    states: np.ndarray
+    warmstarts: np.ndarray
+
+    @classmethod
+    def of(cls, twin: Twin, begin: Callable[[int], None], runs: int) -> Starts:
+        """Those of a twin after each call of `begin`, with the number of the run."""
+        states = np.empty((runs, mujoco.mj_stateSize(twin.model, STATE)))
+        warm = np.empty((runs, twin.model.nv))
+        for k in range(runs):
+            begin(k)
+            mujoco.mj_getState(twin.model, twin.data, states[k], STATE)
+            warm[k] = twin.data.qacc_warmstart
+        return cls(states, warm)
+
+
 def integrate(
-    twin: Twin, grid: TimeGrid, u: np.ndarray
+    twin: Twin, grid: TimeGrid, u: np.ndarray, starts: Starts | None = None
 ) -> Iterator[tuple[np.ndarray, np.ndarray] | None]:
-    """Integrate runs from the twin's present state, as many at a time as fit in memory.
+    """Integrate runs, as many at a time as fit in memory.
 
     Parameters
     ----------
@@ -41,14 +67,16 @@ def integrate(
         Its steps.
     u : np.ndarray, (runs, steps, nu)
         The inputs of each period.
+    starts : Starts, optional
+        The state of each run, by default the twin's present one.
 
     Yields
     ------
     qpos (steps + 1, nq) and qvel (steps + 1, nv) of each run, or None for one that diverged.
     """
     model, nq = twin.model, twin.model.nq
-    start = np.empty(mujoco.mj_stateSize(model, STATE))
-    mujoco.mj_getState(model, twin.data, start, STATE)
+    if starts is None:
+        starts = Starts.of(twin, lambda _: None, len(u))
     sizes = [grid.plant_steps(k) for k in range(grid.steps)]
     samples = np.cumsum(sizes) - 1
     at_once = max(1, MOST // _bytes(twin, grid))
@@ -60,10 +88,10 @@ def integrate(
             control = np.zeros((*chunk.shape[:2], model.nu))
             control[..., : twin.nu] = chunk
             states, _ = rollout.rollout(
-                model, datas if threads > 1 else datas[0], start, control,
-                initial_warmstart=twin.data.qacc_warmstart,
+                model, datas if threads > 1 else datas[0], starts.states[k : k + at_once], control,
+                initial_warmstart=starts.warmstarts[k : k + at_once],
             )  # fmt: skip
-            for run in states[:, samples]:
+            for start, run in zip(starts.states[k : k + at_once], states[:, samples], strict=True):
                 # after a warning MuJoCo repeats the last state
                 if not (np.isfinite(run).all() and np.diff(run[:, 0]).min(initial=1.0) > 0):
                     yield None

@@ -72,12 +72,40 @@ def test_threads_and_the_loop_agree_to_the_bit(arm, options, monkeypatch):
         assert_same(log, rollout(arm, inputs, 0.2, **start, **options))
 
 
+@pytest.mark.parametrize("options", [{}, {"rig": Rig(lag=0.02)}])
+def test_each_run_has_its_own_start(arm, options):
+    """In threads and in processes; the record repeats the run."""
+    rng = np.random.default_rng(2)
+    batch = rng.uniform(0, 5, (3, arm.nu))
+    q0, v0 = rng.uniform(-0.2, 0.2, (3, arm.nq)), rng.uniform(-1, 1, (3, arm.nv))
+    found = rollouts(arm, batch[:, None], 0.05, q0=q0, v0=v0, **options)
+    for k, log in enumerate(found):
+        alone = rollout(arm, batch[k], 0.05, q0=q0[k], v0=v0[k], **options)
+        assert_same(log, alone)
+        assert log.record["settings"] == alone.record["settings"]
+    moving = rollouts(arm, batch, 0.01, v0=v0, **options)
+    np.testing.assert_allclose([log.v[0] for log in moving], v0, rtol=1e-12)
+
+
 def test_a_batch_in_parts_is_the_same(arm, monkeypatch):
     batch = np.random.default_rng(1).uniform(0, 5, (5, 3, arm.nu))
     whole = rollouts(arm, batch, 0.05)
     monkeypatch.setattr(threads, "MOST", 16 * 110 * (1 + 2 * arm.nv + 2 * arm.nu))
     for one, other in zip(whole, rollouts(arm, batch, 0.05), strict=True):
         assert_same(one, other)
+
+
+@pytest.mark.parametrize(
+    ("name", "start"),
+    [
+        ("q0", {"q0": np.zeros((3, 27))}), ("q0", {"q0": np.zeros((2, 3))}),
+        ("v0", {"v0": np.full((2, 27), np.nan)}), ("q0", {"q0": [[0.0] * 27, [9.0] * 27]}),
+    ],
+)  # fmt: skip
+def test_starts_that_do_not_fit_are_refused(arm, name, start):
+    with pytest.raises(InputError) as caught:
+        rollouts(arm, np.zeros((2, arm.nu)), 0.01, **start)
+    assert caught.value.name == name
 
 
 def test_runs_behind_a_rig_are_in_processes_and_the_same(arm):
