@@ -293,7 +293,9 @@ def repeated(arguments: cli.Arguments) -> Made:
     recorded = RecordedRun.read(file)
     if recorded.record.get("reference") is None:
         expected = "a run with a controller; softdyn rollout --inputs takes a log's CSV"
-        raise InputError(file, expected, "a rollout")
+        plant = recorded.record.get("settings", {}).get("plant")  # a rig is none that can be made
+        held = isinstance(plant, dict) and "other" in plant
+        raise InputError(file, expected, "commands held on a rig" if held else "a rollout")
     given = parser.given(arguments, explicit=True)
     aims = [name for name in (*AIMS, "gains") if getattr(arguments, name) is not None]
     aimed = bool({*AIMS} & {*aims})

@@ -19,6 +19,7 @@ from softdyn.identification.rests import Inputs, rests
 from softdyn.identification.result import Identified
 from softdyn.identification.static_fit import StaticFit
 from softdyn.identification.unknowns.kinds import Around
+from softdyn.statics.equilibrium import NoEquilibrium
 
 GRAMS = 102.0  # grams of weight in a newton
 
@@ -35,7 +36,8 @@ def prepared(
     """Data whose markers have the right names, and how they were taken.
 
     The markers are compared with the model's equilibria: with each row's if the data are static,
-    else with that under the first input.
+    else with that under the first input. If there is no such equilibrium, data in motion are not
+    checked.
 
     Parameters
     ----------
@@ -56,6 +58,9 @@ def prepared(
     InputError
         For markers in another unit or frame, or with exchanged names; a camera or names without
         enough complete markers.
+    StaticsError
+        If static data, an unknown camera or markers without names need an equilibrium, and none is
+        found.
     """
     check_data(check_model(model), instance("data", data, Measurements, "Measurements"))
     static, relabel = flag("static", static), flag("relabel", relabel)
@@ -67,7 +72,14 @@ def prepared(
             raise InputError("camera", "markers with x, y and z, see --points", "none")
         return data, replace(acquisition, view=view if view.rotations else None)
     names = [data.names[k].rpartition(".")[0] for k in view.positions]
-    points, seen = _points(model, data, acquisition), view.points(data.outputs)
+    seen = view.points(data.outputs)
+    try:
+        points = _points(model, data, acquisition)
+    except NoEquilibrium:
+        # data in motion need none, for example those of a wheel that a motor turns
+        if static or fit_camera or relabel:
+            raise
+        return data, acquisition
     rows = slice(None) if static else slice(0, 1)
     check_size(points if static else points[:1], seen[rows] if static else seen)
     known = None if fit_camera and camera is None else view.camera

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError, identification
+from softdyn import InputError, identification, statics
 from softdyn.commands import identify as command
 from softdyn.identification.data import Measurements, at_stops, check_data
 from softdyn.validation.identification.trials import Excitation, twin_data
@@ -121,6 +121,19 @@ def test_a_joint_that_turns_many_times_is_read_in_each_form(tmp_path, written):
     data = identification.read_csv(file, model)
     assert data.names == ("q.spin",)
     np.testing.assert_allclose(data.outputs[:, 0], q, atol=1e-8)
+
+
+def test_data_in_motion_need_no_equilibrium_under_the_first_input(tmp_path):
+    """Nothing holds a wheel against its motor, and a log of it has the tip beside the angle."""
+    model = cart.load(tmp_path, WHEEL.replace("KIND", "continuous"))
+    t, names = np.linspace(0, 1, 11), ("q.spin", "tip.x", "tip.y", "tip.z")
+    outputs = np.stack([t**2, 0 * t, 0 * t, 0 * t], 1)
+    data = Measurements(t, np.full((11, 1), 0.01), names, outputs)
+    found, acquisition = identification.prepared(model, data)
+    assert found is data
+    assert acquisition.view.positions
+    with pytest.raises(statics.NoEquilibrium):
+        identification.prepared(model, data, static=True)
 
 
 @pytest.mark.parametrize(

@@ -193,7 +193,9 @@ class Drive:
         if hasattr(controller, "prepare") and reference is not nowhere:
             aim = reference.reference if isinstance(reference, Experiment) else reference
             controller.prepare(aim)
-        self.loop = ClosedLoop(model, controller, reference, options)
+        self.loop = loop = ClosedLoop(model, controller, reference, options)
+        # before the end of the ramp the commands are not yet those of the controller
+        loop.judged &= loop.grid.steps * period > self.limits.ramp
         self._actors, self.observer = (controller, inner), inner
         self.clock, self._now = Deadlines(period, source), source.now
 

@@ -100,6 +100,8 @@ class ClosedLoop(Separate):
         The desired tip at t (s), checked.
     aims : bool
         Whether there is a reference.
+    judged : bool
+        Whether a run that comes no nearer to its reference has failed; `aims` if nobody changes it.
     record : dict
         The record of the run as plain data, see `repeat.record_of`.
     grid : TimeGrid
@@ -134,7 +136,7 @@ class ClosedLoop(Separate):
             planned, usual = reference.duration, reference.period
             self._length = reference.length
             reference = reference.reference
-        self.aims = reference is not nowhere
+        self.aims = self.judged = reference is not nowhere
         self.reference = checked(reference)
         own_step = timestep_of(model, options)
         self.grid = TimeGrid.plan(
@@ -229,7 +231,7 @@ class ClosedLoop(Separate):
                 law = law.inner
             horizon = law.horizon if isinstance(law, NamedLaw) else 0.0
             fault = verdict.not_converged(record.error_at(0), record.error_at(k), target, horizon)
-            self._end(fault if self.aims else None, complete=True)
+            self._end(fault if self.judged else None, complete=True)
             return None
         if "q_seen" in record.channels:
             record.put(k, q_seen=seen.q, v_seen=seen.v)

@@ -96,11 +96,15 @@ AWAY = (
         (["law.py:Still", "--target", "0.3", "0", "-0.1"], 1),  # it does not get there
         (["law.py:Still", "--target", "0.3", "0", "-0.1", "--no-verdict"], 0),
         (["law.py:Push", "--target", "0.3", "0", "-0.1", "--no-verdict"], 1),  # it fails
+        (["law.py:Off", "--target", "0.3", "0", "-0.1", "--no-verdict", "--ramp", "0"], 1),
+        # its commands have not risen yet
+        (["law.py:Off", "--target", "0.3", "0", "-0.1", "--no-verdict", "--ramp", "0.4"], 0),
         (["--hold", "0", "0"], 0),
     ],
 )
 def test_the_exit_code_is_the_verdict_s_unless_none_is_asked_for(rig, words, code):
-    Path("law.py").write_text(LAW + STILL)
+    off = STILL.replace("Still", "Off").replace("[0.0, 0.0]", "[-40.0, -40.0]")
+    Path("law.py").write_text(LAW + STILL + off)
     found, _, _ = command(
         "drive", "arm.urdf", *words, "--driver", "near.py:NearDriver", "--duration", "0.3"
     )
@@ -147,7 +151,7 @@ def test_a_report_that_cannot_be_written_fails(rig):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--hold", "0", "0"], "expected a run with a controller"),
+        (["--hold", "0", "0"], "commands held on a rig"),
         (["law.py:Still", "--target", "0.3", "0", "-0.1", "--no-verdict"], "settings.plant"),
     ],
 )
