@@ -15,6 +15,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
@@ -482,6 +483,54 @@ def write_report(report: dict[str, Any], target: str | None, summary: str) -> No
     say(summary)
 
 
+@dataclass
+class Results:
+    """The files of a run, which may not be lost: one that has no room is written elsewhere.
+
+    Attributes
+    ----------
+    written : list of str
+        The paths of the files.
+    lost : bool
+        Whether one is not where it was asked for.
+    """
+
+    written: list[str] = field(default_factory=list)
+    lost: bool = False
+
+    def save(self, write: Callable[[str], Any], path: str) -> None:
+        """Write a file; a line on stderr says where it is if it is not at `path`."""
+        from softdyn import InputError
+        from softdyn.validation.files import save_somewhere
+
+        try:
+            place, error = save_somewhere(write, path)
+        except InputError as fault:
+            print(f"error: {fault}; nothing could be written elsewhere", file=sys.stderr)
+            self.lost = True
+            return
+        self.written.append(place)
+        if error is not None:
+            print(f"error: {error}; wrote {place} instead", file=sys.stderr)
+            self.lost = True
+
+    def tell(self, report: dict[str, Any], target: str | None, text: str) -> None:
+        """Write the report as `write_report` does, and print all files."""
+        from softdyn import InputError
+        from softdyn.validation.files import write_json
+
+        if target not in (None, "-"):
+            self.save(lambda path: write_json(path, report), target)
+            target = None
+        text = "\n".join(filter(None, [text, *(f"wrote {path}" for path in self.written)]))
+        try:
+            if text or target is not None:
+                write_report(report, target, text)
+        except InputError as error:  # no bad input, as the run is over
+            print(f"error: {error}", file=sys.stderr)
+            self.lost = True
+
+
 def save_log(log: Log, path: str) -> None:
     """Write a log as CSV if `path` ends in .csv, else as NPZ."""
     (log.to_csv if path.endswith(".csv") else log.save)(path)
@@ -513,7 +562,6 @@ def saved_in_errors(path: str | None) -> Iterator[None]:
     path : str, optional
         The file; without one nothing is saved.
     """
-    from softdyn import SoftdynError
     from softdyn.exceptions import own_frames
 
     try:
@@ -521,11 +569,10 @@ def saved_in_errors(path: str | None) -> Iterator[None]:
     except BaseException as error:
         log = getattr(error, "log", None)
         if path is not None and log is not None and (log.steps or own_frames(error)):
-            try:
-                save_log(log, path)
-                print(f"wrote {path}: the run up to t = {log.t[-1]:.4g} s", file=sys.stderr)
-            except SoftdynError as fault:  # the error that ended the run matters more
-                print(f"warning: {fault}", file=sys.stderr)
+            results = Results()
+            results.save(partial(save_log, log), path)
+            for place in results.written:
+                print(f"wrote {place}: the run up to t = {log.t[-1]:.4g} s", file=sys.stderr)
         raise
 
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -137,7 +136,7 @@ def drive_and_report(drive: Drive, arguments: cli.Arguments, heard: Signals) -> 
     """Run, write the log and the page, and report; the exit code."""
     from softdyn.validation.bench.fail_safe import StopCause
 
-    driven, files, lost = run(drive, arguments, heard)
+    driven, results = run(drive, arguments, heard)
     log, model = driven.log, drive.loop.model
     report = log.report(arguments.tolerance)
     report |= {"stopped_by": driven.cause.value, "stopped": driven.reason}
@@ -148,24 +147,15 @@ def drive_and_report(drive: Drive, arguments: cli.Arguments, heard: Signals) -> 
         text = f"{text}\n{line}".rstrip()
     elif log.finite_samples:
         text = f"{text}\n{held_text(log, model)}"
-    text = "\n".join([text, *(f"wrote {f}" for f in files)])
-    told = tell(report, arguments.json, text if log.finite_samples else "")
+    results.tell(report, arguments.json, text if log.finite_samples else "")
     if driven.cause is not StopCause.END:
         return stopped_code(driven)
     done = not log.failed if arguments.no_verdict or arguments.hold else report["reached"]
-    return cli.PASSED if done and told and not lost else cli.FAILED
+    return cli.PASSED if done and not results.lost else cli.FAILED
 
 
-def run(
-    drive: Drive, arguments: cli.Arguments, heard: Signals
-) -> tuple[DriveResult, list[str], bool]:
-    """Run, say what has stopped it, and write log and page.
-
-    Returns
-    -------
-    tuple[DriveResult, list[str], bool]
-        The run, the files that are written, and whether one could not be written where it should.
-    """
+def run(drive: Drive, arguments: cli.Arguments, heard: Signals) -> tuple[DriveResult, cli.Results]:
+    """Run, say what has stopped it, and write log and page."""
     from softdyn.validation.bench.fail_safe import StopCause
 
     driven = (
@@ -177,51 +167,14 @@ def run(
     none = "" if driven.log.finite_samples else ", before the first reading"
     if driven.cause is not StopCause.END:
         print(f"stopped by {driven.cause.value}{none}: {driven.reason}", file=sys.stderr)
-    files = [f for f in (arguments.html, arguments.json) if f not in (None, "-")]
+    results = cli.Results()
     if none:  # a log without a row, and a page of it, say nothing
-        return driven, [], False
-    lost = False
+        return driven, results
     if arguments.log is not None:
-        lost |= not save(partial(cli.save_log, driven.log), arguments.log, files)
+        results.save(partial(cli.save_log, driven.log), arguments.log)
     if arguments.html is not None:
-        files.remove(arguments.html)
-        lost |= not save(driven.log.show(drive.loop.model).save, arguments.html, files)
-    return driven, files, lost
-
-
-def save(write: Callable[[str], Any], path: str, files: list[str]) -> bool:
-    """Write a file of a run, which cannot be repeated; False if not to its path.
-
-    A line on stderr says where it is instead. Its path is put before those of `files`.
-    """
-    from softdyn import InputError
-    from softdyn.validation.files import save_somewhere
-
-    try:
-        written, error = save_somewhere(write, path)
-    except InputError as fault:
-        print(f"error: {fault}; nothing could be written elsewhere", file=sys.stderr)
-        return False
-    files.insert(0, written)
-    if error is not None:
-        print(f"error: {error}; wrote {written} instead", file=sys.stderr)
-    return error is None
-
-
-def tell(report: dict[str, Any], target: str | None, text: str) -> bool:
-    """Print and write the report; False if that cannot be done.
-
-    The run itself is over, so this is no bad input.
-    """
-    from softdyn import InputError
-
-    try:
-        if text or target is not None:
-            cli.write_report(report, target, text)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return False
-    return True
+        results.save(driven.log.show(drive.loop.model).save, arguments.html)
+    return driven, results
 
 
 def stopped_code(driven: DriveResult) -> int:
@@ -246,19 +199,19 @@ def zero(model: SoftModel, arguments: cli.Arguments, limits: Any, heard: Signals
         model, make_driver(arguments.driver, model), settings, limits=limits,
         period=arguments.period or HELD, log_to=arguments.log,
     )  # fmt: skip
-    driven, files, lost = run(drive, arguments, heard)
+    driven, results = run(drive, arguments, heard)
     if driven.finished:
         text = write(zeroing.robot(model.robot))
-        lost |= not save(lambda path: write_text(path, text), arguments.out, files)
+        results.save(lambda path: write_text(path, text), arguments.out)
     report = {
         "robot": model.name, "stopped_by": driven.cause.value, "stopped": driven.reason,
         "zeros": [asdict(found) for found in zeroing.zeros],
     }  # fmt: skip
     lines = [zeroing.text(), f"stopped by     {driven.cause.value}"]
-    told = tell(report, arguments.json, "\n".join([*lines, *(f"wrote {f}" for f in files)]))
+    results.tell(report, arguments.json, "\n".join(lines))
     if driven.cause is not StopCause.END:
         return stopped_code(driven)
-    return cli.PASSED if told and not lost else cli.FAILED
+    return cli.FAILED if results.lost else cli.PASSED
 
 
 def check(arguments: cli.Arguments) -> None:

@@ -160,12 +160,15 @@ def command(arguments: cli.Arguments) -> int:
         test = identification.read_csv(arguments.test, model, **how)
         found = identification.tested(found, identification.prepared(found.model, test, **again)[0])
     values = found.values()
-    if arguments.out and made:
-        write_text(arguments.out, made.rewritten(values.get("design", {})))
-    elif arguments.out:
-        write_text(arguments.out, identification.rewritten(model.robot, values))
+    results = cli.Results()
+    if arguments.out:
+        text = (
+            made.rewritten(values.get("design", {})) if made
+            else identification.rewritten(model.robot, values)
+        )  # fmt: skip
+        results.save(lambda path: write_text(path, text), arguments.out)
     if arguments.html:
-        write_text(arguments.html, page(model.name, found))
+        results.save(lambda path: write_text(path, page(model.name, found)), arguments.html)
     lines = list(identification.doubts(found))
     unseen = None
     if arguments.folds:
@@ -188,7 +191,8 @@ def command(arguments: cli.Arguments) -> int:
               "rms_left_out": unseen, "residuals": places,
               "hints": again.get("hints", [])}  # fmt: skip
     cli.write_report(report, arguments.json, "\n".join([str(found), *lines][shown:]))
-    return cli.PASSED if all(one.identified for one in found.estimates) else cli.FAILED
+    identified = all(one.identified for one in found.estimates)
+    return cli.PASSED if identified and not results.lost else cli.FAILED
 
 
 def robot_of(arguments: cli.Arguments) -> tuple[DesignFile | None, SoftModel]:

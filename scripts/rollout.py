@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from softdyn.commands import cli
 
 EPILOG = """\
@@ -27,7 +29,7 @@ replaces the twin.
 
 The steps of --timestep are 0.5 ms or less by default. A coarser step adds numerical damping.
 
-exit codes: 0 done; 1 a motion diverged; 2 bad input.
+exit codes: 0 done; 1 a motion diverged, or a file had no room; 2 bad input.
 """
 
 parser = cli.Parser(__doc__, EPILOG)
@@ -93,15 +95,18 @@ def command(arguments: cli.Arguments) -> int:
     with cli.saved_in_errors(arguments.log):
         logs = rollouts(model, batch, seconds, hold=hold, commands=commands, **settings)
     wall = time.perf_counter() - began
+    results = cli.Results()
     for log, path in zip(logs, logs_to, strict=False):
-        log.save(path)
+        results.save(log.save, str(path))
     if arguments.log is not None:
-        cli.save_log(logs[0], arguments.log)
+        results.save(partial(cli.save_log, logs[0]), arguments.log)
     if arguments.html is not None:
         page = show_runs(logs, [model] * len(logs), names) if several else logs[0].show(model)
-        page.save(arguments.html)
+        results.save(page.save, arguments.html)
     if arguments.plot is not None:
-        save_comparison(arguments.plot, logs, names if several else None)
+        results.save(
+            lambda path: save_comparison(path, logs, names if several else None), arguments.plot
+        )
     runs = [
         {"failed": log.failed, "reason": log.reason, "final_tip": log.y[-1].tolist()}
         for log in logs
@@ -114,10 +119,8 @@ def command(arguments: cli.Arguments) -> int:
     }  # fmt: skip
     lines = [f"{n}: {log}" if several else str(log) for n, log in zip(names, logs, strict=True)]
     lines.append(f"{wall:.3g} s of computing")
-    written = (arguments.log, *logs_to, arguments.html, arguments.plot, arguments.json)
-    lines += [f"wrote {file}" for file in written if file not in (None, "-")]
-    cli.write_report(report, arguments.json, "\n".join(lines))
-    return cli.FAILED if any(log.failed for log in logs) else cli.PASSED
+    results.tell(report, arguments.json, "\n".join(lines))
+    return cli.FAILED if results.lost or any(log.failed for log in logs) else cli.PASSED
 
 
 main = cli.program(parser, command, __name__)

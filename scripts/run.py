@@ -6,6 +6,7 @@ from __future__ import annotations
 import sys
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from softdyn.commands import cli
@@ -84,8 +85,11 @@ statics searches for a few seconds the equilibrium nearest to the last targets.
 An error in your own class ends the run with its traceback. --log then has the run up to there, as
 it has after Ctrl-C.
 
-exit codes: 0 reached (--no-verdict: not failed); 1 not reached, failed or diverged, or an error in
-your own class; 2 bad input; 130 interrupted.
+A file that cannot be written, as on a full disk, is written to the folder of temporary files; the
+figures are printed in any case.
+
+exit codes: 0 reached (--no-verdict: not failed); 1 not reached, failed or diverged, an error in
+your own class, or a file without room; 2 bad input; 130 interrupted.
 """
 
 
@@ -183,12 +187,13 @@ def command(arguments: cli.Arguments) -> int:
             log = loop.run(progress=True, on_step=kept)
     if bounded:
         log = certify(log, model, controller, loop.reference)
+    results = cli.Results()
     if arguments.log is not None:
-        cli.save_log(log, arguments.log)
+        results.save(partial(cli.save_log, log), arguments.log)
     if arguments.html is not None:
         from softdyn.validation.loop.pictures.replay import replay
 
-        replay(log, model, scenery_of(plant)).save(arguments.html)
+        results.save(replay(log, model, scenery_of(plant)).save, arguments.html)
     text = log.summary(paper.beside(log), arguments.tolerance)
     report = log.report(arguments.tolerance)
     missed = log.complete and not report["reached"]
@@ -217,12 +222,11 @@ def command(arguments: cli.Arguments) -> int:
         text += f"\nrepeated       {repetition}"
         report["repeated"] = repetition.to_dict() | {"changed": made.said["repeats"]["changed"]}
     report["record"] = cli.record_beside(log, arguments.json)
-    files = [f for f in (arguments.log, arguments.html, arguments.json) if f not in (None, "-")]
-    cli.write_report(report, arguments.json, "\n".join([text, *(f"wrote {f}" for f in files)]))
+    results.tell(report, arguments.json, text)
     done = not log.failed if arguments.no_verdict else report["reached"]
     if made.recorded is not None:
         done = repetition.equal
-    return cli.PASSED if done else cli.FAILED
+    return cli.PASSED if done and not results.lost else cli.FAILED
 
 
 @dataclass(frozen=True)

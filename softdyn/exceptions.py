@@ -160,14 +160,15 @@ def own_code_errors(program: str = "softdyn") -> Iterator[None]:
 def own_frames(error: BaseException, program: str = "softdyn") -> Any:
     """The traceback of an error from the first frame of running user's code on, else None."""
     found = error.__traceback__
-    while found is not None and not _is_own(found.tb_frame, program):
+    while found is not None and not runs_own_code(found.tb_frame, program):
         if found.tb_frame.f_code.co_name in MAKERS:
             return None
         found = found.tb_next
     return found
 
 
-def _is_own(frame: FrameType, program: str) -> bool:
+def runs_own_code(frame: FrameType, program: str = "softdyn") -> bool:
+    """Whether a frame runs a user's code: not softdyn's, a package's or the program's."""
     file, module = frame.f_code.co_filename, str(frame.f_globals.get("__name__", ""))
     installed = file.startswith(("<", *STANDARD_LIBRARY)) or "-packages" in file
     return not installed and module.partition(".")[0] not in ("softdyn", "__main__", program)

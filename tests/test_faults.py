@@ -14,6 +14,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,11 +22,11 @@ from pathlib import Path
 import pytest
 
 from softdyn import InputError
-from softdyn.commands import run
+from softdyn.commands import rollout, run
 from softdyn.validation import Log
 from softdyn.validation.files import atomic, write_json, write_text
 from tests.support import PATIENCE, ROOT
-from tests.support.command import of_itself
+from tests.support.command import command, of_itself
 from tests.support.sweeps import wait_for
 
 RUN = ["scripts/run.py", "finger", "ic", "--theta", "0.5", "--duration", "0.5"]
@@ -60,26 +61,76 @@ def small_files(size: int = 4096) -> Iterator[None]:
 # -- a full disk ---------------------------------------------------------------------------------
 
 
-def test_a_full_disk_ends_in_one_line_and_leaves_nothing(tmp_path: Path, capsys) -> None:
+def test_a_full_disk_loses_no_figures_and_leaves_nothing_half_written(
+    tmp_path: Path, capsys
+) -> None:
     old = tmp_path / "run.npz"
     old.write_bytes(b"before")
     command = [*RUN[1:], "--log", str(old), "--json", str(tmp_path / "run.json")]
     assert run.main(RUN[1:]) in (0, 1)  # kernels may have to be compiled, and cached
     capsys.readouterr()
-    with small_files():
-        assert run.main(command) == 2
-    assert capsys.readouterr() == (
-        "", f"error: {old}: expected a writable file, got File too large\n",
-    )  # fmt: skip
+    with small_files():  # everywhere
+        assert run.main(command) == 1
+    out, err = capsys.readouterr()
+    assert "final error" in out
+    assert "wrote" not in out
+    assert [line.split(": expected")[0] for line in err.splitlines()] == [
+        f"error: {tmp_path / name}" for name in ("run.npz", "run.json")
+    ]
     assert old.read_bytes() == b"before"
     assert list(tmp_path.iterdir()) == [old]
+
+
+LEAVING = """
+import os, numpy
+class Leaving:
+    def __init__(self, model):
+        self.u, self.left = numpy.array(model.relaxed), False
+    def __call__(self, state, reference):
+        if not self.left:
+            os.rmdir("out")
+            self.left = True
+        return type("Answer", (), {"u": self.u})()
+"""
+
+
+@pytest.mark.parametrize(
+    ("option", "file"), [("--log", "a.npz"), ("--log", "a.csv"), ("--html", "a.html"),
+                         ("--json", "a.json")]
+)  # fmt: skip
+def test_a_run_whose_folder_is_gone_is_written_elsewhere(
+    option: str, file: str, tmp_path: Path, monkeypatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    kept = tmp_path / "kept"
+    for folder in ("out", "kept"):
+        Path(folder).mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(kept))
+    Path("leaving.py").write_text(LEAVING)
+    words = ["run", "finger", "leaving.py:Leaving", "--theta", "0.5", "--duration", "0.01"]
+    code, out, err = command(*words, "--no-verdict", option, f"out/{file}")
+    (written,) = kept.glob(f"*-{file}")
+    assert code == 1
+    assert f"wrote {written}" in out
+    assert f"error: out/{file}" in err
+
+
+def test_a_rollout_that_has_no_room_is_said(tmp_path: Path, capsys) -> None:
+    words = ["finger", "--seconds", "0.01"]
+    assert rollout.main(words) == 0
+    capsys.readouterr()
+    with small_files(100):
+        assert rollout.main([*words, "--log", str(tmp_path / "a.npz")]) == 1
+    out, err = capsys.readouterr()
+    assert "of computing" in out
+    assert err.startswith(f"error: {tmp_path / 'a.npz'}: expected a writable file")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a Linux device")
 def test_a_full_disk_behind_stdout_is_no_success(monkeypatch, capsys) -> None:
     with open("/dev/full", "w") as full, monkeypatch.context() as patch:
         patch.setattr(sys, "stdout", full)
-        assert run.main([*RUN[1:], "--json", "-"]) == 2
+        assert run.main([*RUN[1:], "--json", "-"]) == 1
     assert capsys.readouterr().err == (
         "error: stdout: expected a stream to write to, got No space left on device\n"
     )

@@ -137,9 +137,9 @@ def read_json(path: str | Path, expected: str) -> dict[str, Any]:
     return value
 
 
-def to_json(value: Any) -> str:
-    """`value` as strict, indented JSON; numbers that are not finite become null."""
-    return json.dumps(_finite(value), indent=2, allow_nan=False)
+def to_json(value: Any, indent: int | None = 2) -> str:
+    """`value` as strict JSON; numbers that are not finite become null."""
+    return json.dumps(_finite(value), indent=indent, allow_nan=False)
 
 
 def write_json(path: str | Path, value: Any) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import SoftModel
-from softdyn.exceptions import one_line
+from softdyn.exceptions import one_line, runs_own_code
 
 STEP = 1e-6  # of a central difference; its error is some 1e-10 of the values' size
 TOLERANCE = 1e-5  # of a derivative against central differences, relative to its largest entry
@@ -106,15 +106,23 @@ class Checks:
         except Unmet as error:
             check = RuleResult(name, False, str(error))
         except Exception as error:  # a user's code may raise anything
-            frames = traceback.extract_tb(error.__traceback__)
-            line = f" (line {frames[-1].lineno} of {frames[-1].filename.rpartition('/')[2]})"
-            check = RuleResult(name, False, one_line(f"{type(error).__name__}: {error}{line}", 300))
+            text = f"{type(error).__name__}: {error}{_own_line(error)}"
+            check = RuleResult(name, False, one_line(text, 300))
         self.done.append(check)
         return check.passed
 
     def report(self, kind: str) -> Conformance:
         """The checks that were made."""
         return Conformance(kind, tuple(self.done))
+
+
+def _own_line(error: Exception) -> str:
+    """The innermost line of a user's code that an error passed; empty if it passed none."""
+    found = [
+        f" (line {line} of {frame.f_code.co_filename.rpartition('/')[2]})"
+        for frame, line in traceback.walk_tb(error.__traceback__) if runs_own_code(frame)
+    ]  # fmt: skip
+    return found[-1] if found else ""
 
 
 def builds(subject: Any) -> bool:

@@ -357,6 +357,17 @@ def test_a_planted_fault_is_named(subject, rule):
     assert "expected" in shown or "Error" in shown  # the call that shows it
 
 
+class NoModel:
+    def __call__(self, state, reference):
+        return None
+
+
+def test_a_line_of_the_class_is_named_and_none_of_softdyn(finger):
+    built, raised = (testing.check_controller(law, finger).checks[0] for law in (NoModel, Raises))
+    assert ".py" not in built.detail
+    assert "test_conformance.py" in raised.detail
+
+
 def test_a_slow_law_is_named_where_there_is_a_period(finger):
     report = testing.check_controller(Slow, finger, period=0.005, count=3)
     assert failed(report) == ["a call is shorter than the period"]

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -102,14 +102,14 @@ class Statement:
             return {"other": shape} if large else self.of(value.tolist())
         if isinstance(value, Path):
             return file_of(value)
-        if isinstance(value, SoftModel):
-            return self._of_model(value)
         if isinstance(value, Mapping):
             return {str(key): self.of(one) for key, one in value.items()}
         if isinstance(value, list | tuple):
             return [self.of(one) for one in value]
         if isinstance(value, Enum):
             return {"class": public_name(type(value)), "with": {"value": self.of(value.value)}}
+        if isinstance(value, SoftModel):  # a protocol: this asks for each of its members
+            return self._of_model(value)
         self._depth += 1
         try:
             return self._made(value) if self._depth < DEEPEST else {"other": _title(value)}
@@ -142,7 +142,7 @@ class Statement:
         """The arguments by name that differ from the defaults, and those that nobody kept."""
         making = making_of(value)
         try:
-            signature = inspect.signature(maker)
+            signature = _signature(maker)
         except (TypeError, ValueError):
             return {}, ["the arguments"]
         if making is not None:
@@ -182,6 +182,12 @@ class Statement:
         key = "function" if inspect.isroutine(maker) else "class"
         file = file_of(path)
         return {key: maker.__qualname__, "file": file, "modules": modules_of(path)} | more
+
+
+@lru_cache(64)
+def _signature(maker: Any) -> inspect.Signature:
+    """The signature of a class or a function; a sweep's cases have few of them."""
+    return inspect.signature(maker)
 
 
 def _same(value: Any, default: Any) -> bool:

@@ -168,7 +168,7 @@ class Store:
 
 def _write(path: Path, content: Mapping[str, Any]) -> None:
     """Write `content` with its hash, so that an edited file does not count as a result."""
-    kept = json.loads(to_json(dict(content)))
+    kept = json.loads(to_json(dict(content), indent=None))
     write_json(path, {**kept, SEAL: _seal(kept)})
 
 
