@@ -27,7 +27,8 @@ Data = TypeVar("Data")
 JOINED = "Joined by softdyn attach: change its parts, not this file."
 REFERENCES = {"name", "link", "to", "parent", "child", "frame", "task", "joint", "leader", "tendon"}
 """Fields of a robot's data that hold the name of a link, joint, tendon and the like."""
-SEPARATE = {"others", "tasks", "warnings", "ignored"}
+NOTES = {"warnings", "ignored", "adopted"}
+SEPARATE = NOTES | {"others", "tasks"}
 """Tuples of a robot that `attach` does not simply put one behind the other."""
 
 
@@ -259,7 +260,7 @@ def _renamed(arm: Robot, prefix: str, shared: set[str]) -> Robot:
     found = {
         part.name: _prefixed(getattr(arm, part.name), prefix)
         for part in fields(arm)
-        if isinstance(getattr(arm, part.name), tuple) and part.name not in ("warnings", "ignored")
+        if isinstance(getattr(arm, part.name), tuple) and part.name not in NOTES
     }
     links = tuple(replace(link, looks=tuple(map(look, link.looks))) for link in found["links"])
     return replace(arm, **found | {
