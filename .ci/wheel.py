@@ -38,6 +38,7 @@ JOBS = {
     "new": (
         "--examples examples", "new.toml --out new.urdf", "new.toml --converge --segments 2 4 8"
     ),
+    "attach": ("new.urdf --to arm.urdf l1 --prefix soft_ --out both.urdf",),
     "identify": ("finger finger.csv --shared stiffness --out softer.urdf --html fit.html",),
     "compile": ("",),
     "check": ("{robot} --samples 2",),

@@ -12,7 +12,7 @@ from softdyn.commands import cli
 
 # by purpose
 COMMANDS = {
-    "begin": ("new", "identify", "compile"),
+    "begin": ("new", "attach", "identify", "compile"),
     "examine a robot": ("check", "view", "statics", "observe"),
     "compare it with another engine or file": ("crosscheck", "compare", "export"),
     "run one closed loop and look at it": ("run", "rollout", "play", "replay"),

@@ -25,6 +25,7 @@ from softdyn.files import read_toml as read_toml  # for the commands
 if TYPE_CHECKING:
     from softdyn import SoftModel
     from softdyn.description.robot import Robot
+    from softdyn.design import Design
     from softdyn.validation import Log
     from softdyn.view.live.channel import Channel
     from softdyn.view.page import Page
@@ -49,9 +50,10 @@ class Parser(argparse.ArgumentParser):
         self._settings: list[str] = []
         self._instead: tuple[str, tuple[argparse.Action, ...], Any] | None = None
 
-    def output(self, name: str, metavar: str, help: str) -> None:
+    def output(self, name: str, metavar: str, help: str, *, required: bool = False) -> None:
         """Add an option for an output file, which `check_outputs` will check."""
-        self.outputs.append(self.add_argument(name, metavar=metavar, help=help).dest)
+        added = self.add_argument(name, metavar=metavar, help=help, required=required)
+        self.outputs.append(added.dest)
 
     def option(self, name: str, kind: Callable, metavar: str, help: str, default: Any) -> None:
         """Add an option with a default that its help states."""
@@ -529,6 +531,42 @@ class Results:
         except InputError as error:  # no bad input, as the run is over
             print(f"error: {error}", file=sys.stderr)
             self.lost = True
+
+
+def is_own(out: Path, mark: str) -> bool:
+    """Whether there is no file `out`, or one with a text by which the command marks its files."""
+    return not out.is_file() or mark.encode() in out.read_bytes()
+
+
+def write_design(made: Design, out: Path, mark: str) -> None:
+    """Write a robot's file, and its meshes beside it.
+
+    A mesh replaces another one only if `out` has the command's own `mark`.
+
+    Raises
+    ------
+    InputError
+        If a mesh would replace another program's, or a file cannot be written.
+    """
+    from softdyn import InputError
+    from softdyn.validation.files import atomic
+
+    own = out.is_file() and is_own(out, mark)
+    for name, content in made.meshes.items():
+        there = out.parent / name
+        if there.is_file() and there.read_bytes() != content and not own:
+            raise InputError(str(there), "no file, or the mesh that this command writes", "another")
+    for name, content in {**made.meshes, out.name: made.text.encode()}.items():
+        make_folder((out.parent / name).parent)
+        with atomic(out.parent / name) as file:
+            file.write(content)
+
+
+def report_design(made: Design, out: Path, target: str | None) -> None:
+    """Report the key figures of a written robot."""
+    report = {"file": str(out), "name": made.name, **made.figures}
+    figures = ", ".join(f"{name} {value:.4g}" for name, value in made.figures.items())
+    write_report(report, target, f"{out}: {figures}")
 
 
 def save_log(log: Log, path: str) -> None:

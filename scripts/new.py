@@ -60,29 +60,18 @@ def write(arguments: cli.Arguments) -> int:
     from softdyn import InputError, design
     from softdyn.design.chain import GENERATED
     from softdyn.loading import load_text
-    from softdyn.validation.files import atomic
 
     table = cli.read_toml(arguments.file)
     out = Path(arguments.out or Path(arguments.file).with_suffix(".urdf"))
     if arguments.out is None:
         cli.check_outputs(parser, arguments, out)
-    own = not out.is_file() or GENERATED.encode() in out.read_bytes()
-    if arguments.out is None and not own:
+    if arguments.out is None and not cli.is_own(out, GENERATED):
         raise InputError(str(out), "no file, or --out to replace it", "a file of another program")
     made = design.read(table, arguments.file)
-    for name, content in made.meshes.items():
-        there = out.parent / name
-        if there.is_file() and there.read_bytes() != content and not (own and out.is_file()):
-            raise InputError(str(there), "no file, or the mesh that this command writes", "another")
     # refuse a robot that `softdyn.load` would refuse, before writing
     load_text(made.text, path=out)
-    for name, content in {**made.meshes, out.name: made.text.encode()}.items():
-        cli.make_folder((out.parent / name).parent)
-        with atomic(out.parent / name) as file:
-            file.write(content)
-    report = {"file": str(out), "name": made.name, **made.figures}
-    figures = ", ".join(f"{name} {value:.4g}" for name, value in made.figures.items())
-    cli.write_report(report, arguments.json, f"{out}: {figures}")
+    cli.write_design(made, out, GENERATED)
+    cli.report_design(made, out, arguments.json)
     return cli.PASSED
 
 

@@ -9,8 +9,8 @@
 - `annotations`: softdyn's additions: a joint's spring (stiffness and rest), the ``<softdyn>`` block
   with armatures, tendons, actuators and tasks (`stated_task`), overlays;
 - `task_mark`: a task's link, kind and direction, for logs and pages;
-- `unknown_names`: misspelt and misplaced elements; `other_tools`: elements that softdyn ignores, or
-  refuses because they change the robot;
+- `unknown_names`: misspelt and misplaced elements; `other_tools`: a table of the elements that
+  softdyn reads, ignores, or refuses because they change the robot; `motors` reads rotor inertias;
 - `robot`: the data: links, joints, tendons, and the tree that they span;
 - `rig`: the data of motors, winches and sensors; `rig_block` reads them from the block;
 - `readings`: names, rows and units of the sensors' readings, and their times;

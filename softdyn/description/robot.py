@@ -273,6 +273,9 @@ class Robot:
         and for what only old releases of Gazebo read.
     ignored : tuple of str
         Other tools' elements and attributes that softdyn ignores, each with its number.
+    adopted : tuple of str
+        A line for each number of another tool's element that softdyn reads, such as a rotor's
+        inertia.
     xml : str
         The tree with its inertias as plain URDF, every number spelled as in the file. Engines get
         this text, because it holds only elements that were checked.
@@ -303,6 +306,7 @@ class Robot:
     path: Path = field(default=Path(), compare=False)
     warnings: tuple[str, ...] = field(default=(), compare=False)
     ignored: tuple[str, ...] = field(default=(), compare=False)
+    adopted: tuple[str, ...] = field(default=(), compare=False)
     xml: str = field(default="", compare=False)
     text: str = field(default="", compare=False)
     annotations: str = field(default="", compare=False)

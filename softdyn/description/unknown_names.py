@@ -40,6 +40,8 @@ KNOWN: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "mimic": ((), ("joint", "multiplier", "offset")),
     "gazebo": (("springStiffness", "springReference"), ("reference",)),
 }  # fmt: skip
+# They hold numbers as attributes; no tool that reads URDF reads them from elements inside.
+VALUES = ("mass", "inertia", "origin", "axis", "limit", "dynamics", "mimic")
 # Whoever writes one of these elements expects that it is read, so it must stand in its place.
 MEANT = {
     "robot", "link", "joint", "inertial", "mass", "inertia", "origin", "parent", "child", "axis",
@@ -79,6 +81,9 @@ def _check(element: Element) -> None:
             if child.tag in KNOWN:
                 _check(child)
             continue
+        if child.tag in attributes and element.tag in VALUES:
+            got = f"an element <{child.tag}>, which is SDF's way"
+            raise child.error(f'attribute {child.tag}="…" of <{element.tag}>', got)
         meant = _slip(child.tag, children)
         if meant:
             raise child.error(f"<{meant}>", f"<{child.tag}> (misspelt?)")

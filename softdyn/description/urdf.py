@@ -26,6 +26,7 @@ from softdyn.description.annotations import (
 )
 from softdyn.description.inertia import MOMENTS
 from softdyn.description.mimics import compose_mimics, read_mimic
+from softdyn.description.motors import read_motors
 from softdyn.description.origins import VERSIONS, in_rpy, read_origin, set_rpy, version
 from softdyn.description.other_tools import check_other_tools
 from softdyn.description.robot import (
@@ -159,10 +160,12 @@ def _robot(
     compose_mimics(root, joints)
     _check_tree(root, links, joints)
     read_springs(root, joints)
+    adopted = read_motors(root, joints)
     comments = [str(c.text) for c in root.node.itersiblings(etree.Comment, preceding=True)]
     robot = Robot(
         name, tuple(links.values()), tuple(joints.values()), others=_others(root),
         floating=floating, comment="\n".join(comments[::-1]), path=path, ignored=ignored,
+        adopted=adopted,
     )  # fmt: skip
     repairs = _repair(root, robot) if repair_inertia else ()
     if repairs:

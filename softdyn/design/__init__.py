@@ -15,6 +15,7 @@
 - `arm_file`: the annotated URDF of an arm, its looks included;
 - `strains`: piecewise constant or polynomial strains, for `softdyn.reduce`;
 - `log_spiral`, `finger`: presets;
+- `attachment`: joins two robots, such as an arm and the robot that carries it;
 - `arm_table`, `preset_tables`, `source`: read a table whose keys name their units;
 - `chain`: builds a serial robot link by link, and the looks of its links;
 - `shapes`: lattices, log-spiral blocks and bones as meshes.

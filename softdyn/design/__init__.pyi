@@ -1,4 +1,5 @@
 from .arm_file import urdf
+from .attachment import attach
 from .cables import ArmSensor, Cable, CableMotor
 from .finger import Finger, FingerTendon
 from .layout import FREEDOMS, Layout, lay_out
@@ -11,5 +12,6 @@ from .strains import strain_basis
 __all__ = [
     "FREEDOMS", "Arm", "ArmSensor", "Cable", "CableMotor", "Damping", "Design", "Finger",
     "FingerTendon", "Layout", "LogSpiral", "Material", "Mount", "Payload", "Plate", "Section",
-    "arm_of", "design", "gauss_legendre", "lay_out", "midpoint", "read", "strain_basis", "urdf",
+    "arm_of", "attach", "design", "gauss_legendre", "lay_out", "midpoint", "read", "strain_basis",
+    "urdf",
 ]  # fmt: skip

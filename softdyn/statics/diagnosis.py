@@ -138,6 +138,7 @@ class Diagnosis:
             "doubts": list(self.doubts),
             "notes": list(self.notes),
             "ignored": list(robot.ignored),
+            "read": list(robot.adopted),
         }
         return found | (self._of_poses() if self.poses else {})
 
@@ -194,6 +195,7 @@ class Diagnosis:
             "", *joint_lines(self.model.robot),
             "", *self._tendon_lines(), *rig_lines(self.model.robot),
             "", *self._static_lines(),
+            *(f"read: {line}" for line in self.model.robot.adopted),
             *(f"ignored: {', '.join(found)}" for found in [self.model.robot.ignored] if found),
             *(f"warning: {text}" for text in self.warnings),
             *(f"note: {text}" for text in self.notes),

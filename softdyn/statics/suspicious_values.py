@@ -127,9 +127,11 @@ def unbalanced(model: SoftModel) -> Iterator[str]:
     if not bending.any() or not moment > 0:
         return
     compliance = 1 / model.stiffness[bending]
-    if too_heavy(weight := moment * float(compliance.sum())):
+    masses = _carried(robot)
+    carried = np.array([masses.get(name, 0.0) for name in model.joint_names])[bending]
+    if too_heavy(weight := 9.81 * robot.length * float(carried @ compliance)):
         yield (
-            f"the weight is {weight:.2g} times the stiffness (m g L Σ 1/k, at most {WEIGHT:g}): "
+            f"the weight is {weight:.2g} times the stiffness (g L Σ m/k, at most {WEIGHT:g}): "
             "springs in N mm/rad, or masses in grams?"
         )
     torques = np.abs(state.B[bending]) * np.maximum(np.abs(model.u_min), np.abs(model.u_max))
@@ -140,6 +142,19 @@ def unbalanced(model: SoftModel) -> Iterator[str]:
                 f"actuator {actuator.name!r}: its full pull bends the arm by {bend:.2g} rad, with "
                 f"{share:.2g} times the moment of the arm's weight: a bound in another unit than N?"
             )
+
+
+def _carried(robot: Robot) -> dict[str, float]:
+    """The mass (kg) beyond each joint; a leader carries its followers' too.
+
+    A soft arm on an industrial robot does not bend under the weight of that robot.
+    """
+    found: dict[str, float] = {}
+    for link in robot.links:
+        above = {j.name if j.mimic is None else j.mimic.leader for j in robot.chain(link.name)}
+        for name in above:
+            found[name] = found.get(name, 0.0) + link.mass
+    return found
 
 
 def _size(robot: Robot) -> float:

@@ -31,6 +31,7 @@ from tests.support.arms import EVERYTHING, THREE_SECTIONS
 from tests.support.misuses import ARM
 
 NOT_COMPARED = {
+    "adopted",
     "ignored",
     "comment",
     "path",

@@ -1,4 +1,4 @@
-"""The gallery of docs/index.md: run its commands, write their replays, take their stills.
+"""The gallery of docs/index.md and the picture of docs/attach.md: run, write replays, take stills.
 
 The page itself says what is run: after a picture `gallery/NAME.png` come a file to save, where one
 is needed, and commands, of which the last writes `NAME.html`. What a person does with the mouse in
@@ -35,7 +35,8 @@ The commands run in an empty folder, which is deleted afterwards. Each replay go
 
 exit codes: 0 written; 2 bad input, a command that failed, or no Chromium.
 """
-PAGE = Path(__file__).parents[2] / "docs" / "index.md"
+DOCS = Path(__file__).parents[2] / "docs"
+INDEX, ATTACH = DOCS / "index.md", DOCS / "attach.md"
 SECTION = re.compile(r"^!\[[^\]]*\]\(gallery/(\w+)\.png\)$", re.M)
 BLOCK = re.compile(
     r"(?:Save as `([^`]+)`:?\n+)?(<!-- not run: [^\n]+ -->\n)?```(\w*)\n(.*?)^```$", re.M | re.S
@@ -84,6 +85,7 @@ SHOTS = {
     "rig": Shot(0.1, card=True),
     "compare": Shot(4.0, run=1, card=True),
     "obstacles": Shot(0.26, whole=True, card=True),
+    "attached": Shot(2.5),
 }
 
 parser = cli.Parser(__doc__, EPILOG)
@@ -113,13 +115,19 @@ def command(arguments: cli.Arguments) -> int:
     return cli.PASSED
 
 
-def entries(page: Path = PAGE) -> Iterator[Entry]:
-    """The replays of a page, in its order."""
+def entries(*pages: Path) -> Iterator[Entry]:
+    """The replays of some pages, or of all, in their order."""
+    for page in pages or (INDEX, ATTACH):
+        yield from _entries(page)
+
+
+def _entries(page: Path) -> Iterator[Entry]:
     text = page.read_text(encoding="utf-8")
     found = [*SECTION.finditer(text)]
     for one, after in zip(found, [*found[1:], None], strict=True):
         end = after.start() if after else len(text)
-        part = text[one.end() : end].partition("\n## ")[0]
+        rest = text[one.end() : end]
+        part = rest.partition("\n## ")[2 if page == ATTACH else 0].partition("\n## ")[0]
         files, commands = [], []
         for name, mark, kind, code in BLOCK.findall(part):
             if name:
