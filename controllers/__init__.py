@@ -16,6 +16,7 @@ Modules; numbers in brackets are the paper's equations, in their order of appear
 - `safety_filter`: barriers for any other controller;
 - `mpc`: predictive control, whose parts are in `predictive`;
 - `staged`: `SoftIdClfQp` with the tuned gains of a `schedule`; `best`, the recommended controller;
+- `policy`: a learned policy, from a NumPy file or any callable;
 - `allocation`: joint torques into bounded inputs, for a user's own controller;
 - `registry`: any of them by name, and a user's own class from a file.
 

@@ -9,6 +9,7 @@ from .id_clf_qp import IdClfQp
 from .impedance import Impedance, UnderactuatedImpedance
 from .impedance_qp import ImpedanceQp
 from .mpc import Mpc, MpcParameters
+from .policy import PolicyController, PolicyNetwork
 from .predictive.compensated import Compensated
 from .predictive.rest_target import RestTargets
 from .registry import BEYOND, CONTROLLERS, find_controller, make_controller
@@ -36,6 +37,8 @@ __all__ = [
     "LogChannel",
     "Mpc",
     "MpcParameters",
+    "PolicyController",
+    "PolicyNetwork",
     "RestTargets",
     "SafetyFilter",
     "Schedule",

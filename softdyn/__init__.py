@@ -21,8 +21,8 @@
 - `references`: set points and ellipses; `loading`: `load`; `checks`, `exceptions`: checks of
   arguments, and errors; `installed`: that the engines are the installed ones; `copies`: copies
   that stay read-only, and share nothing that changes; `files`: files written whole or not at all;
-  `toml_table`, `csv_table`: the readers of TOML and CSV; `compiled`: kernels with and without
-  Numba.
+  `toml_table`, `csv_table`, `arrays`: the readers of TOML, CSV and NPZ; `compiled`: kernels with
+  and without Numba.
 
 The public names are imported when they are used, as `__init__.pyi` lists them, so that the command
 line answers `--help` without loading an engine.

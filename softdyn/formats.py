@@ -15,6 +15,7 @@ from softdyn.exceptions import FormatError
 KEY = "format"  # of a TOML table, of a log's settings; the title of a CSV file's column
 OURS = "softdyn-"  # how the formats begin; other values of the key mean something else
 TOML, CSV, RECORD = f"{OURS}toml-1", f"{OURS}csv-1", f"{OURS}record-1"
+POLICY = f"{OURS}policy-1"  # of a learned policy, as NPZ
 
 
 def is_format(said: object) -> bool:

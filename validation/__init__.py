@@ -12,11 +12,12 @@
 - `identification`: what a fit finds in data of twins with known parameters
 - `rods`: how many joints an arm needs
 - `live`: a plant and a controller in front of live pages; `play`
+- `environment`: the loop as a Gymnasium environment, in which policies learn
 - `report`: figures and pages
 - `inputs`: the files that a command reads
 - `channels`: the quantities that a run records
-- `files`, `arrays`, `processes`, `plain_data`, `tables`: files that appear whole, NPZ files of any
-  origin, runs in processes, values as JSON, tables of text
+- `files`, `processes`, `plain_data`, `tables`: files that appear whole, runs in processes,
+  values as JSON, tables of text
 
 Imports point one way; `[tool.importlinter]` in pyproject.toml has the order. What proves the
 toolkit itself (fuzzing, documents, closed forms) is `tests/proof`, not a part of the package.

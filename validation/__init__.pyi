@@ -3,6 +3,7 @@ from .bench.drive import drive
 from .bench.driver import Driver
 from .channels import LogChannel
 from .crosschecks.crosscheck import crosscheck
+from .environment import Episode, ReachEnv
 from .live.playing import play
 from .loop.certificate import certified, certify
 from .loop.experiment import Experiment
@@ -23,12 +24,14 @@ from .twin.twin import Twin
 
 __all__ = [
     "Driver",
+    "Episode",
     "Experiment",
     "Integrator",
     "Log",
     "LogChannel",
     "Plant",
     "PlantErrors",
+    "ReachEnv",
     "Rig",
     "RunOptions",
     "Scene",

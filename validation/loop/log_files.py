@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import FormatError, InputError, SoftModel
+from softdyn.arrays import read_npz
 from softdyn.controllers.channels import LogChannel
 from softdyn.csv_table import CsvTable
 from softdyn.description.library import bundled_file
@@ -21,7 +22,6 @@ from softdyn.description.robot import input_unit
 from softdyn.description.task_mark import TaskMark
 from softdyn.files import is_stream
 from softdyn.formats import KEY, check_format
-from softdyn.validation.arrays import read_npz
 from softdyn.validation.channels import every_run
 from softdyn.validation.files import atomic, read_json, write_json, write_text
 from softdyn.validation.loop.experiment import ROLLOUT

@@ -70,6 +70,34 @@ def nested(key: str, path: Sequence[str], value: Any) -> dict[str, Any]:
     return found
 
 
+def by_group(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Values of parameters, by their names, as the tables of each group; ``""`` has the others."""
+    groups: dict[str, dict[str, Any]] = {group: {} for group in ("gains", *GROUPS, "")}
+    for name, value in values.items():
+        group, key, path = place(name)
+        table = groups[group]
+        if key == SENSORS:
+            table = table.setdefault(key, {}).setdefault(path[0], {})
+            key = path[1]
+        elif path:
+            others = table.get(key, 1.0)
+            table[key] = table = others if isinstance(others, dict) else {EACH: others}
+            (key,) = path
+        table[key] = value
+    return groups
+
+
+def run_options(groups: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """The keywords of `RunOptions`, as it takes them, from the tables of `by_group`."""
+    options = dict(groups[RUN])
+    if groups["plant"]:
+        options["plant"] = groups["plant"]
+    if groups["rig"] or "observer" in options:
+        of_file = "observer" in options or SENSORS in groups["rig"]
+        options["rig"] = {"file": of_file, **groups["rig"]}
+    return options
+
+
 def joint_parameters(cases: Iterable[Case]) -> tuple[str, ...]:
     """The names of the factors by joint in these cases."""
     found = (
@@ -356,24 +384,8 @@ class Sweep:
         self, robot: str, controller: str, kind: str, target: Any, values: dict[str, Any],
         sample: int | None, words: list[str],
     ) -> Case:  # fmt: skip
-        groups: dict[str, dict[str, Any]] = {group: {} for group in ("gains", *GROUPS, "")}
-        for name, value in values.items():
-            group, key, path = place(name)
-            table = groups[group]
-            if key == SENSORS:
-                table = table.setdefault(key, {}).setdefault(path[0], {})
-                key = path[1]
-            elif path:
-                others = table.get(key, 1.0)
-                table[key] = table = others if isinstance(others, dict) else {EACH: others}
-                (key,) = path
-            table[key] = value
-        model, options = self.models[robot], dict(groups[RUN])
-        if groups["plant"]:
-            options["plant"] = groups["plant"]
-        if groups["rig"] or "observer" in options:
-            of_file = "observer" in options or SENSORS in groups["rig"]
-            options["rig"] = {"file": of_file, **groups["rig"]}
+        groups = by_group(values)
+        model, options = self.models[robot], run_options(groups)
         gains = {**self.gains, **self.own_gains.get(controller, {}), **groups["gains"]}
         with errors_in(f"{self.path}: {robot}, {controller}"):
             case = Case(

@@ -125,6 +125,44 @@ def sweep_of(
     return sweep
 
 
+def read_axes(
+    table: Mapping[str, Any], path: str, model: SoftModel
+) -> tuple[AxisReader, list[Axis], dict[str, tuple[Axis, ...]], list[Axis]]:
+    """The axes in tables of a file's form, for one robot.
+
+    Parameters
+    ----------
+    table : mapping
+        Tables of `PARAMETERS`, `changes`, `samples`, `targets`.
+    path : str
+        Their name, for messages.
+    model : SoftModel
+        The robot.
+
+    Returns
+    -------
+    AxisReader
+        Number and seed of the samples.
+    list of Axis
+        The axes of all cases.
+    dict of str to tuple of Axis
+        Each change by its name, and ``none``.
+    list of Axis
+        The targets.
+
+    Raises
+    ------
+    InputError
+        One line with the key, the expected and the given value.
+    """
+    reader, models = _Reader(dict(table), Path(path), Path(), {}), {model.name: model}
+    reader.robots = (model.name,)
+    axes = reader.axes_in(reader.top, models)
+    axes = [one for axis in axes for one in reader.of_each_joint(axis, axes, models)]
+    changes = {NOMINAL: ()} | dict(reader.read_changes(models))
+    return reader.axis, axes, changes, reader.read_targets()[1] if "targets" in table else []
+
+
 def option(name: str, value: Any) -> Any:
     """The value of a keyword of `RunOptions`, by its name in a sweep.
 

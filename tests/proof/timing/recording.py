@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel
+from softdyn.arrays import read_npz
 from softdyn.tasks import LinkKinematics, PointTask, StackedReference
-from softdyn.validation.arrays import read_npz
 from softdyn.validation.files import atomic, safe_filename
 from softdyn.validation.loop import setups
 from softdyn.validation.loop.experiment import Experiment

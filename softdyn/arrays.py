@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.lib import format as npy
 
-from softdyn import FormatError, InputError
+from softdyn.exceptions import FormatError, InputError
 
 MAX_BYTES = 2**30  # for all arrays of one file: a million control steps of a large robot
 

@@ -8,9 +8,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from softdyn import InputError
-from softdyn.validation import arrays
-from softdyn.validation.arrays import read_npz
+from softdyn import InputError, arrays
+from softdyn.arrays import read_npz
 
 
 def npy(array: np.ndarray) -> bytes:
