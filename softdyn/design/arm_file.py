@@ -32,6 +32,8 @@ from softdyn.design.rods import Arm, Section
 
 SHADES = ((0.16, 0.46, 0.52), (0.80, 0.50, 0.26), (0.50, 0.44, 0.66), (0.42, 0.58, 0.34))
 """Colours of the sections in turn; every second link is a little lighter."""
+COOL = (SHADES[0], *SHADES[2:])
+"""Those of an arm with chambers, whose tubes turn orange and red."""
 DARK = (0.2, 0.22, 0.26)
 GEAR = -1.0
 """A positive input is a tension."""
@@ -173,8 +175,9 @@ def disc_places(arm: Arm, cable: Path) -> list[float]:
 
 def _colors(arm: Arm) -> dict[str, tuple[float, ...]]:
     colors: dict[str, tuple[float, ...]] = {"dark": DARK}
+    shades = COOL if arm.chambers else SHADES
     for k in range(len(arm.sections)):
-        shade = SHADES[k % len(SHADES)]
+        shade = shades[k % len(shades)]
         colors[f"section_{k}_even"] = shade
         colors[f"section_{k}_odd"] = tuple(round(0.85 * c + 0.15, 3) for c in shade)
     return colors
