@@ -6,6 +6,8 @@ these rules find, `softdyn new` refuses it, and a rig's times are held against t
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from softdyn.description.rig import LONGEST_DELAY
 
 WEIGHT = 1e4
@@ -15,6 +17,10 @@ BEND = 0.03, 300.0
 STRONG = 100.0, 30.0
 """A pull is too strong if it bends the weightless arm by more than this (rad), and if its moment is
 more than so many times that of the arm's weight about its base."""
+PRESSURE = 500.0, 1e7
+"""Largest pressure (Pa) of a chamber: a soft balloon, a hydraulic muscle."""
+VACUUM = 101325.0
+"""The pressure (Pa) of the air; no gauge pressure is further below 0."""
 SLOW = 1.0, 100.0
 """A rig's time is doubtful if it is more than this (s), and so many control periods."""
 
@@ -35,6 +41,17 @@ def too_strong(bend: float, moment: float) -> bool:
         Its largest moment over that of the arm's weight, m g L.
     """
     return bend > STRONG[0] and moment > STRONG[1]
+
+
+def implausible_pressures(name: str, lower: float, upper: float) -> Iterator[str]:
+    """One line for each bound (Pa) of a chamber's pressure that is not plausible."""
+    largest = max(-lower, upper)
+    if 0 < largest < PRESSURE[0]:
+        yield f"{name}: a pressure of at most {largest:g} Pa: in kPa or bar?"
+    if largest > PRESSURE[1]:
+        yield f"{name}: a pressure of {largest:.3g} Pa, {largest / 1e5:.3g} bar: in another unit?"
+    if lower < -VACUUM:
+        yield f"{name}: a gauge pressure of {lower:g} Pa, below a vacuum of {-VACUUM:g} Pa"
 
 
 def too_slow(name: str, value: float, period: float) -> str | None:

@@ -12,6 +12,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from pathlib import Path
@@ -130,6 +131,7 @@ WITH_TESTS = {
     "README.md",
     "your_robot.md",
     "silicone_arm.md",
+    "chambers.md",
     "bench.md",
     "your_controller.md",
     "files.md",
@@ -204,6 +206,18 @@ def test_a_silicone_arm(follow: Follow, tmp_path: Path) -> None:
     assert re.search(r"reached: \|e\| fell from 11.323 to 0\.0[01]\d cm", said(output, "run"))
     for page in ("run.html", "cables.html"):
         assert "<html" in (tmp_path / page).read_text(encoding="utf-8")[:2000].lower()
+
+
+def test_an_arm_under_pressure(follow: Follow, tmp_path: Path) -> None:
+    """Two sections with three chambers each, with valves of 50 ms; the file is the example."""
+    output = follow(ROOT / "docs/chambers.md")
+    example = (ROOT / "docs/examples/chamber_arm.toml").read_text(encoding="utf-8")
+    assert tomllib.loads((tmp_path / "arm.toml").read_text()) == tomllib.loads(example)
+    assert said(output, "softdyn check").endswith("nothing looks wrong\n")
+    assert said(output, "crosscheck").endswith("the two engines agree\n")
+    assert "tip at 0.0198 0.0343 -0.1159 m, 0 snaps\nstable" in said(output, "statics arm")
+    assert float(re.findall(r"final error +([\d.]+) cm", said(output, "run"))[0]) <= 0.05
+    assert '"unit":"kPa"' in (tmp_path / "run.html").read_text(encoding="utf-8")
 
 
 def test_your_own_controller(follow: Follow, tmp_path: Path) -> None:

@@ -30,6 +30,9 @@ ONE = {  # number of units in one SI unit
     "acceleration": {"m_s2": 1, "mm_s2": 1000},
     "angular speed": {"rad_s": 1, "deg_s": 57.29577951308232},
     "force rate": {"N_s": 1},
+    "pressure": {"Pa": 1, "kPa": 1e-3, "bar": 1e-5, "MPa": 1e-6, "psi": 1.450377377302092e-4},
+    "pressure rate": {"Pa_s": 1, "kPa_s": 1e-3, "bar_s": 1e-5},
+    "area": {"m2": 1, "cm2": 1e4, "mm2": 1e6},
     "frequency": {"Hz": 1, "kHz": 1e-3},
     "none": {"": 1},
 }

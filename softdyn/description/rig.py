@@ -16,6 +16,7 @@ import numpy as np
 from softdyn.description.inertia import ZERO, Origin, Vector
 
 LONGEST_DELAY = 10.0  # s
+PASCAL = "Pa"
 SMALLEST_WINCH = 1e-9  # gear, and stiffness (N/m), of a winch: its inverse stays finite
 
 
@@ -42,6 +43,11 @@ class Actuator:
 
     A command passes first through the `delay`, then through the bound on its `rate`, then through
     the `lag`. A winch that commands a length then adds its `offset`: ℓ_cmd = command + offset.
+
+    The unit ``Pa`` makes it a chamber under the gauge pressure u: its `gear` is the area of its
+    cross-section (m²). With the length ℓ of its tendon the chamber has the volume V = gear · ℓ, so
+    u · dV is the pressure's work, and gear · u is the force along the tendon. A valve has the
+    command `force`, because it regulates u itself.
 
     Attributes
     ----------
@@ -71,6 +77,8 @@ class Actuator:
     offset : float
         Free length ℓ_cmd at the command 0 (m); only with the command `length`. `softdyn drive
         --zero` measures it.
+    unit : str
+        The unit of u: ``Pa`` of a chamber. Without it u is a force, in units of the gear (N).
     """
 
     name: str
@@ -87,6 +95,12 @@ class Actuator:
     rate: float = math.inf
     delay: float = 0.0
     offset: float = 0.0
+    unit: str = ""
+
+    @property
+    def is_chamber(self) -> bool:
+        """Whether the input is the pressure in a chamber."""
+        return self.unit == PASCAL
 
     @property
     def is_winch(self) -> bool:
@@ -110,25 +124,24 @@ class Actuator:
 
     @property
     def ideal(self) -> Actuator:
-        """The same actuator as a force that acts at once."""
-        return Actuator(self.name, self.tendon, self.gear, self.lower, self.upper)
+        """The same actuator with an input that acts at once."""
+        return Actuator(self.name, self.tendon, self.gear, self.lower, self.upper, unit=self.unit)
 
     @property
     def is_ideal(self) -> bool:
-        """Whether the input is a force that acts at once."""
+        """Whether the input acts at once."""
         return self == self.ideal
 
     def __repr__(self) -> str:
-        """Name the five required fields, and the others if they differ from an ideal actuator.
+        """Name the five required fields, and the others if they differ from their default.
 
         `Robot.digest` uses this text. Ideal robots therefore keep their digest when a field is
         added.
         """
-        ideal = self.ideal
         words = (
             f"{part.name}={getattr(self, part.name)!r}"
             for i, part in enumerate(fields(self))
-            if i < 5 or getattr(self, part.name) != getattr(ideal, part.name)
+            if i < 5 or getattr(self, part.name) != part.default
         )
         return f"Actuator({', '.join(words)})"
 

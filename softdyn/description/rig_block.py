@@ -10,6 +10,7 @@ import numpy as np
 
 from softdyn.description.rig import (
     LONGEST_DELAY,
+    PASCAL,
     SMALLEST_WINCH,
     Actuator,
     CommandKind,
@@ -22,7 +23,7 @@ from softdyn.description.strict_xml import Element
 A_LINK, A_TENDON, A_JOINT = (f"the name of a {part}" for part in ("link", "tendon", "joint"))
 SPRING = "a spring"
 MOTOR = (
-    "name", "tendon", "gear", "lower", "upper", "command", "lag", "rate", "delay", "offset",
+    "name", "tendon", "gear", "lower", "upper", "command", "lag", "rate", "delay", "offset", "unit",
 )  # fmt: skip
 WINCH = ("stiffness", "damping", "length_lower", "length_upper")
 COMMANDS = tuple(kind.value for kind in CommandKind)
@@ -72,9 +73,14 @@ def read_actuator(
         rate=element.number("rate", math.inf),
         delay=_delay(element, "delay"),
         offset=element.number("offset", 0.0),
+        unit=_unit(element),
     )  # fmt: skip
     if actuator.rate <= 0:
         raise element.error("rate > 0", actuator.rate)
+    if actuator.is_chamber and not gear > 0:
+        raise element.error("gear > 0, the area (m²) of a chamber", gear)
+    if actuator.is_chamber and actuator.is_winch:
+        raise element.error(f'command="force" beside unit="{PASCAL}"', actuator.command.value)
     if actuator.pushes and (tendon.slack or actuator.is_winch):
         reason = "a winch" if actuator.is_winch else f"an input on slack tendon {tendon.name!r}"
         got = f"gear={gear} lower={lower} upper={upper}"
@@ -89,6 +95,13 @@ def read_actuator(
             expected = f'command="length" or "velocity" beside {name}'
             raise element.error(expected, f'command="{actuator.command.value}"')
     return actuator
+
+
+def _unit(element: Element) -> str:
+    """The unit of an input, if it is stated."""
+    if element.node.get("unit") is None:
+        return ""
+    return element.one_of("unit", (PASCAL,), f'unit="{PASCAL}"')
 
 
 def _delay(element: Element, attribute: str) -> float:

@@ -496,10 +496,16 @@ def sums_angles(robot: Robot, tendon: Tendon) -> bool:
 
 
 def input_units(robot: Robot) -> tuple[str, ...]:
-    """The unit of each u: the gear in N, or in N m if the tendon's length is a sum of angles."""
+    """The unit of each u: Pa of a chamber, else the gear in N.
+
+    The gear is in N m if the tendon's length is a sum of angles.
+    """
     tendons = {tendon.name: tendon for tendon in robot.tendons}
     units = []
     for actuator in robot.actuators:
+        if actuator.is_chamber:
+            units.append(actuator.unit)
+            continue
         unit = "N m" if sums_angles(robot, tendons[actuator.tendon]) else "N"
         gear = abs(actuator.gear)
         units.append(unit if gear == 1 else f"{gear:g} {unit}")

@@ -1,6 +1,6 @@
 from .arm_file import urdf
 from .attachment import attach
-from .cables import ArmSensor, Cable, CableMotor
+from .cables import ArmSensor, Cable, CableMotor, Chamber
 from .finger import Finger, FingerTendon
 from .layout import FREEDOMS, Layout, lay_out
 from .log_spiral import LogSpiral
@@ -10,7 +10,7 @@ from .source import Design, arm_of, design, read
 from .strains import strain_basis
 
 __all__ = [
-    "FREEDOMS", "Arm", "ArmSensor", "Cable", "CableMotor", "Damping", "Design", "Finger",
+    "FREEDOMS", "Arm", "ArmSensor", "Cable", "CableMotor", "Chamber", "Damping", "Design", "Finger",
     "FingerTendon", "Layout", "LogSpiral", "Material", "Mount", "Payload", "Plate", "Section",
     "arm_of", "attach", "design", "gauss_legendre", "lay_out", "midpoint", "read", "strain_basis",
     "urdf",

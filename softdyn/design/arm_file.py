@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.description.rig import Sensor
+from softdyn.description.rig import PASCAL, Sensor
 from softdyn.description.robot import ZERO, Joint, JointTerm, Robot, Tendon
 from softdyn.description.urdf_writer import write
-from softdyn.design.cables import ArmSensor, Cable, along
+from softdyn.design.cables import ArmSensor, Cable, Path, along
 from softdyn.design.chain import (
     GENERATED,
     X_TO_Z,
@@ -32,6 +32,8 @@ from softdyn.design.rods import Arm, Section
 
 SHADES = ((0.16, 0.46, 0.52), (0.80, 0.50, 0.26), (0.50, 0.44, 0.66), (0.42, 0.58, 0.34))
 """Colours of the sections in turn; every second link is a little lighter."""
+COOL = (SHADES[0], *SHADES[2:])
+"""Those of an arm with chambers, whose tubes turn orange and red."""
 DARK = (0.2, 0.22, 0.26)
 GEAR = -1.0
 """A positive input is a tension."""
@@ -42,8 +44,9 @@ SMALL = 1e-9
 def urdf(arm: Arm) -> str:
     """The annotated URDF of an arm.
 
-    A cable in a channel becomes a fixed tendon. At a constant offset its length is linear in the
-    bends. A cable that runs straight from disc to disc becomes a spatial tendon over sites.
+    A cable in a channel, or a chamber in the body, becomes a fixed tendon. At a constant offset its
+    length is linear in the bends. A cable that runs straight from disc to disc becomes a spatial
+    tendon over sites.
 
     Raises
     ------
@@ -80,6 +83,9 @@ def robot(layout: Layout) -> Robot:
     for cable in arm.cables:
         bounds = Input(GEAR, (0, cable.max_tension))
         chain.pull(_tendon(layout, cable), bounds, **words.get(cable.name, {}))
+    for one in arm.chambers:
+        pressures = Input(one.section_area, (one.min_pressure, one.max_pressure))
+        chain.pull(_tendon(layout, one), pressures, unit=PASCAL, **words.get(one.name, {}))
     sensors = [placed for sensor in arm.sensors for placed in _sensors(layout, sensor)]
     return chain.finish(tip, sensors=sensors, tasks=arm.tasks, gravity=arm.mount.gravity)
 
@@ -88,10 +94,11 @@ def comment(layout: Layout) -> str:
     """A summary of the arm, the first comment of its file."""
     arm = layout.arm
     mass = sum(body.mass for body in layout.bodies)
+    pushed = f", {len(arm.chambers)} chambers" if arm.chambers else ""
     lines = [
         f"{arm.name}: {arm.length:.6g} m, {mass:.6g} kg, {len(layout.all_springs)} degrees of"
-        f" freedom, {len(arm.cables)} cables; straight and weightless its first natural frequency"
-        f" is {layout.rates[0] / 2 / math.pi:.4g} Hz.",
+        f" freedom, {len(arm.cables)} cables{pushed}; straight and weightless its first natural"
+        f" frequency is {layout.rates[0] / 2 / math.pi:.4g} Hz.",
     ]
     for k, section in enumerate(arm.sections):
         rigid = section.bending(0), section.bending(1)
@@ -113,9 +120,10 @@ def _joint(spring: Spring) -> Joint:
     )  # fmt: skip
 
 
-def _tendon(layout: Layout, cable: Cable) -> Tendon:
+def _tendon(layout: Layout, cable: Path) -> Tendon:
+    own = ("stiffness", "damping", "rest", "slack", "friction")
     spring: dict[str, Any] = {
-        name: getattr(cable, name) for name in ("stiffness", "damping", "rest", "slack", "friction")
+        name: getattr(cable, name) for name in own if isinstance(cable, Cable)
     }
     if not cable.straight:
         arms = layout.coefficients(cable)
@@ -152,7 +160,7 @@ def _sensors(layout: Layout, sensor: ArmSensor) -> Iterator[Sensor]:
         yield reading
 
 
-def disc_places(arm: Arm, cable: Cable) -> list[float]:
+def disc_places(arm: Arm, cable: Path) -> list[float]:
     """Positions of the discs of a cable's sections along the arm (m)."""
     last = cable.end % len(arm.sections)
     return [
@@ -167,8 +175,9 @@ def disc_places(arm: Arm, cable: Cable) -> list[float]:
 
 def _colors(arm: Arm) -> dict[str, tuple[float, ...]]:
     colors: dict[str, tuple[float, ...]] = {"dark": DARK}
+    shades = COOL if arm.chambers else SHADES
     for k in range(len(arm.sections)):
-        shade = SHADES[k % len(SHADES)]
+        shade = shades[k % len(shades)]
         colors[f"section_{k}_even"] = shade
         colors[f"section_{k}_odd"] = tuple(round(0.85 * c + 0.15, 3) for c in shade)
     return colors

@@ -14,7 +14,7 @@ from softdyn.description.rig import CommandKind, Sensor, SensorKind
 from softdyn.description.robot import EARTH
 from softdyn.description.stated_task import StatedTask, read_tasks
 from softdyn.description.strict_xml import Element
-from softdyn.design.cables import ArmSensor, Cable, CableMotor
+from softdyn.design.cables import ArmSensor, Cable, CableMotor, Chamber
 from softdyn.design.layout import FREEDOMS, lay_out
 from softdyn.design.quadrature import RULES
 from softdyn.design.rods import (
@@ -59,18 +59,29 @@ def read_arm(table: TomlTable) -> Arm:
         found = _cables(item, k, names)
         groups[item.text("name", f"cable_{k}")] = tuple(cable.name for cable in found)
         cables += found
-    labels = [cable.name for cable in cables]
+    pushed: dict[str, tuple[str, ...]] = {}
+    chambers: list[Chamber] = []
+    for k, item in enumerate(table.tables("chamber"), 1):
+        made = _chambers(item, k, names)
+        pushed[item.text("name", f"chamber_{k}")] = tuple(chamber.name for chamber in made)
+        chambers += made
+    labels = [cable.name for cable in cables] + [chamber.name for chamber in chambers]
     if len(set(labels)) < len(labels):
-        raise InputError(table.where, "a unique name of each cable", ", ".join(labels))
-    groups = {cable: (cable,) for cable in labels} | groups
+        kind = "cable and chamber" if chambers else "cable"
+        raise InputError(table.where, f"a unique name of each {kind}", ", ".join(labels))
+    groups = {cable.name: (cable.name,) for cable in cables} | groups
+    pushed = {chamber.name: (chamber.name,) for chamber in chambers} | pushed
     motors = tuple(_motor(item, groups) for item in table.tables("motor"))
+    motors += tuple(_valve(item, pushed) for item in table.tables("valve"))
+    every = groups | pushed
     sensors = tuple(
-        _sensor(item, k, groups, sections) for k, item in enumerate(table.tables("sensor"), 1)
+        _sensor(item, k, every, sections) for k, item in enumerate(table.tables("sensor"), 1)
     )
     with errors_in(table.where):
         arm = Arm(
             sections=sections,
             cables=tuple(cables),
+            chambers=tuple(chambers),
             damping=_damping(table.table("damping")),
             mount=read_mount(table.table("mount")),
             payload=_payload(table.table("payload")),
@@ -226,6 +237,41 @@ def _cables(table: TomlTable, k: int, sections: list[str]) -> list[Cable]:
     return found
 
 
+def _chambers(table: TomlTable, k: int, sections: list[str]) -> list[Chamber]:
+    """The `count` chambers of one table, evenly spaced around the axis."""
+    count = table.count("count", 1)
+    name, first = table.text("name", f"chamber_{k}"), table.number("angle", "angle", 0.0)
+    places = {section: index for index, section in enumerate(sections)}
+    if table.text("section", None) is None:
+        start = table.choice("from", places, sections[0])
+        end = table.choice("to", places, sections[-1])
+    else:
+        start = end = table.choice("section", places)
+    common: dict[str, Any] = {
+        "offset": table.profile("offset", "length"),
+        "straight": table.choice("routing", ROUTINGS, "channel"),
+        "max_pressure": table.number("max_pressure", "pressure"),
+        "min_pressure": table.number("min_pressure", "pressure", 0.0),
+        "area": table.number("area", "area", None),
+        "radius": table.number("radius", "length", None),
+        "start": start,
+        "end": end,
+    }
+    if common["area"] is None and common["radius"] is None:
+        raise InputError(table.where, "area_mm2 or radius_mm", "none")
+    with errors_in(table.where):
+        found = [
+            Chamber(
+                angle=first + 2 * math.pi * i / count,
+                name=name if count == 1 else f"{name}_{i + 1}",
+                **common,
+            )
+            for i in range(count)
+        ]
+    table.rest()
+    return found
+
+
 def _tasks(table: TomlTable, arm: Arm) -> tuple[StatedTask, ...]:
     """The tasks of an arm, read by the rules of ``<task>`` in a URDF; at the tip by default."""
     block = etree.Element("arm")
@@ -275,10 +321,27 @@ def _motor(table: TomlTable, groups: Mapping[str, tuple[str, ...]]) -> CableMoto
     return motor
 
 
-def _named_cables(table: TomlTable, groups: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """The cables of the key ``cables``, by their names or their tables'; all by default."""
+def _valve(table: TomlTable, groups: Mapping[str, tuple[str, ...]]) -> CableMotor:
+    """The valves of chambers, whose commands are pressures."""
+    if not groups:
+        raise InputError(table.where, "a [[chamber]] for it", "none")
+    with errors_in(table.where):
+        valve = CableMotor(
+            _named_cables(table, groups, "chambers"),
+            lag=table.number("lag", "time", 0.0),
+            rate=table.number("rate", "pressure rate", math.inf),
+            delay=table.number("delay", "time", 0.0),
+        )
+    table.rest()
+    return valve
+
+
+def _named_cables(
+    table: TomlTable, groups: Mapping[str, tuple[str, ...]], key: str = "cables"
+) -> tuple[str, ...]:
+    """The cables of the key, by their names or their tables'; all by default."""
     every = {cable: cable for cables in groups.values() for cable in cables}
-    words = table.words("cables", {name: name for name in groups}, list(every))
+    words = table.words(key, {name: name for name in groups}, list(every))
     return tuple(dict.fromkeys(cable for word in words for cable in groups[word]))
 
 

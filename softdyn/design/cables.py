@@ -1,4 +1,4 @@
-"""An arm's cables with their motors and sensors, and profiles along a rod, as frozen data."""
+"""An arm's cables and chambers, their motors and sensors, profiles along a rod, as frozen data."""
 
 from __future__ import annotations
 
@@ -99,20 +99,101 @@ class Cable:
 
     def place(self, at: float) -> np.ndarray:
         """Position (3,) in the cross-section (x = 0) at the share `at` of the cable's length."""
-        angle, r = self.angle + 2 * math.pi * self.turns * at, along(self.offset, at)
-        return np.array([0.0, -r * math.sin(angle), r * math.cos(angle)])
+        return _across(self.angle + 2 * math.pi * self.turns * at, along(self.offset, at))
+
+    @property
+    def largest_force(self) -> float:
+        """The largest force along the cable (N)."""
+        return self.max_tension
+
+
+def _across(angle: float, r: float) -> np.ndarray:
+    """The point (3,) of the cross-section at an angle about the axis (rad) and a distance (m)."""
+    return np.array([0.0, -r * math.sin(angle), r * math.cos(angle)])
+
+
+@dataclass(frozen=True)
+class Chamber:
+    """A chamber under pressure, from the start of a section to the end of a section.
+
+    Its walls let it grow longer, and not wider, as those of a fibre-reinforced chamber. Over the
+    length ℓ of its middle line it has the volume V = A ℓ. The gauge pressure p does the work
+    p dV, so its force on the joints is p A ∂ℓ/∂q. Gas that is shut in is not modelled.
+
+    Attributes
+    ----------
+    angle : float
+        Its angle about the arm's axis (rad).
+    offset : Profile
+        Distance of its middle line from the arm's axis (m), from its start to its end.
+    max_pressure, min_pressure : float
+        Bounds of the gauge pressure (Pa); below 0 it is a vacuum.
+    area, radius : float, optional
+        Area A of the cross-section (m²), or the radius of a round one (m): one of them.
+    start, end : int
+        Index of the first and the last section.
+    straight : bool
+        Whether it runs straight from disc to disc, as bellows do; else it lies in the body.
+    name : str
+    """
+
+    angle: float
+    offset: Profile
+    max_pressure: float
+    area: float | None = None
+    radius: float | None = None
+    start: int = 0
+    end: int = -1
+    min_pressure: float = 0.0
+    straight: bool = False
+    name: str = "chamber"
+
+    def __post_init__(self) -> None:
+        check_name(self.name)
+        number("angle", self.angle)
+        check_profile("offset", self.offset, lower=0.0)
+        for name in ("start", "end"):
+            instance(name, getattr(self, name), (int, np.integer), "a whole number")
+        for name in ("min_pressure", "max_pressure"):
+            number(name, getattr(self, name))
+        if not self.min_pressure < self.max_pressure:
+            bounds = f"{self.min_pressure:g} and {self.max_pressure:g} Pa"
+            raise InputError("min_pressure", "less than max_pressure", bounds)
+        if (self.area is None) == (self.radius is None):
+            raise InputError("area", "area or radius", "neither" if self.area is None else "both")
+        positive(self, "radius" if self.area is None else "area")
+        flag("straight", self.straight)
+
+    @property
+    def section_area(self) -> float:
+        """The area A (m²) of its cross-section."""
+        return math.pi * self.radius**2 if self.area is None else self.area  # type: ignore[operator]
+
+    @property
+    def largest_force(self) -> float:
+        """The largest force along the chamber (N), of either sign."""
+        return self.section_area * max(-self.min_pressure, self.max_pressure)
+
+    def place(self, at: float) -> np.ndarray:
+        """Position (3,) in the cross-section (x = 0) at the share `at` of the chamber's length."""
+        return _across(self.angle, along(self.offset, at))
+
+
+Path = Cable | Chamber
+"""A line along an arm on which an input acts."""
 
 
 @dataclass(frozen=True)
 class CableMotor:
-    """The motors or winches of some cables; a cable without one has a force that acts at once.
+    """The motors or winches of some cables, or the valves of some chambers.
 
-    The numbers are those of `softdyn.description.rig.Actuator`.
+    A cable or a chamber without one has an input that acts at once. The numbers are those of
+    `softdyn.description.rig.Actuator`.
 
     Attributes
     ----------
     cables : tuple of str
-        Names of the cables.
+        Names of the cables, or of the chambers of valves, whose command is their pressure.
     command : CommandKind
     stiffness, damping : float
         Spring (N/m) and damper (N s/m) of a winch's cable.
@@ -171,7 +252,7 @@ class ArmSensor:
         axes of the arm's piece at its point. The name is completed by a cable's name or by a
         point's number, if there are several.
     cables : tuple of str
-        Names of the cables.
+        Names of the cables and chambers.
     points : tuple of float
         Places along the straight arm, from the base (m).
     """

@@ -16,7 +16,7 @@ import numpy as np
 
 from softdyn.checks import did_you_mean, instance, number
 from softdyn.description.inertia import Inertia
-from softdyn.design.cables import Cable
+from softdyn.design.cables import Cable, Chamber, Path
 from softdyn.design.rods import Arm, Plate, Section
 from softdyn.exceptions import InputError
 
@@ -143,14 +143,15 @@ class Layout:
         stiffness = np.array([spring.stiffness for spring in self.all_springs])
         return np.sqrt(np.linalg.eigvalsh(root @ (stiffness[:, None] * root.T)))
 
-    def coefficients(self, cable: Cable) -> np.ndarray:
-        """∂ℓ/∂q (n,) at q = 0 of a cable in a channel.
+    def coefficients(self, cable: Path) -> np.ndarray:
+        """∂ℓ/∂q (n,) at q = 0 of a cable in a channel, or of a chamber in the body.
 
         The cable has the unit tangent t and the place p in the cross-section. A rotation about a
         changes its length by t · (a × p), a translation along a by t · a. At a constant offset the
         length is linear in the bends, so these derivatives then hold for every bend.
         """
-        start, end = self.arm.way(instance("cable", cable, Cable, "a Cable"))
+        instance("cable", cable, (Cable, Chamber), "a Cable or a Chamber")
+        start, end = self.arm.way(cable)
         found = []
         for x, group in zip(self.stations, self.springs, strict=True):
             for spring in group:

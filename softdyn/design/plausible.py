@@ -13,11 +13,19 @@ import warnings
 import numpy as np
 
 from softdyn.checks import beyond, did_you_mean, number
-from softdyn.design.cables import Cable, along
+from softdyn.design.cables import Cable, Chamber, Path, along
 from softdyn.design.layout import Layout
 from softdyn.design.rods import Arm, Section
 from softdyn.exceptions import InputError
-from softdyn.plausible import BEND, STRONG, WEIGHT, too_strong
+from softdyn.plausible import (
+    BEND,
+    PRESSURE,
+    STRONG,
+    VACUUM,
+    WEIGHT,
+    implausible_pressures,
+    too_strong,
+)
 
 MODULUS = 5e3, 1e12
 """Young's modulus (Pa): gels to diamond."""
@@ -35,6 +43,7 @@ NOTHING = 1e-9
 """A cable whose moment arms are all below this share of the radius moves nothing."""
 SAME = 0.01
 """Two moduli whose ratio differs from 1 by less are one."""
+MOST = {Cable: "max_tension", Chamber: "max_pressure"}
 HINT = "or set unusual = true if it is meant"
 
 
@@ -47,9 +56,10 @@ def check(layout: Layout) -> None:
         For the first of them; it names the section or cable, what was expected and what was got.
     """
     arm = layout.arm
-    for cable in arm.cables:
+    for cable in arm.paths:
         _check_place(arm, cable)
         _check_effect(layout, cable)
+    _check_room(arm)
     joints = {spring.name for spring in layout.all_springs}
     for sensor in arm.sensors:
         joint = sensor.reading.joint
@@ -74,19 +84,30 @@ def check(layout: Layout) -> None:
             sound = math.sqrt(E / material.density)
             _within(f"{where}: sqrt(E / density)", sound, (0.0, SOUND), "m/s")
     moment = 9.81 * arm.length * sum(body.mass for body in layout.bodies)
-    for cable in arm.cables:
-        bend = _bend(layout, cable)
+    for chamber in arm.chambers:
+        where = _named(chamber)
+        for line in implausible_pressures(where, chamber.min_pressure, chamber.max_pressure):
+            expected = (
+                f"{PRESSURE[0]:g} to {PRESSURE[1]:g} Pa, no vacuum below {-VACUUM:g} Pa ({HINT})"
+            )
+            raise InputError(f"{where}: pressure", expected, line.removeprefix(f"{where}: "))
+    for cable in arm.paths:
+        bend, most = _bend(layout, cable), f"{_named(cable)}: {MOST[type(cable)]}"
         if bend:
-            what = f"cable {cable.name!r}: bend at max_tension, by Young's modulus and radius"
+            what = f"{_named(cable)}: bend at {MOST[type(cable)]}, by Young's modulus and radius"
             _within(what, bend, BEND, "rad")
-        pull = cable.max_tension * float(np.abs(layout.coefficients(cable)).max())
+        pull = cable.largest_force * float(np.abs(layout.coefficients(cable)).max())
         if too_strong(bend, pull / moment):
             expected = f"at most {STRONG[1]:g} times the moment of the arm's weight ({HINT})"
-            raise InputError(f"cable {cable.name!r}: max_tension", expected, f"{pull / moment:.3g}")
-    # with cables, the bend above is the better check: short and light arms hardly sag
-    low = 0.0 if arm.cables else STIFFEST
+            raise InputError(most, expected, f"{pull / moment:.3g}")
+    # with inputs, the bend above is the better check: short and light arms hardly sag
+    low = 0.0 if arm.paths else STIFFEST
     what = "weight against stiffness, m g L^2 / EI, by Young's modulus, density and size"
     _within(what, _weight(layout), (low, WEIGHT), "")
+
+
+def _named(path: Path) -> str:
+    return f"{type(path).__name__.lower()} {path.name!r}"
 
 
 def _say_modulus(section: Section) -> None:
@@ -124,13 +145,13 @@ def _within(what: str, value: float, limits: tuple[float, float], unit: str) -> 
         raise InputError(what, f"{bounds} {unit} ({HINT})".replace("  ", " "), got)
 
 
-def _check_place(arm: Arm, cable: Cable) -> None:
-    """Refuse a cable outside the rod, and a straight one without discs or outside them."""
+def _check_place(arm: Arm, cable: Path) -> None:
+    """Refuse a line outside the rod, and a straight one without discs or outside them."""
     start, end = arm.way(cable)
     for k in range(cable.start, cable.end % len(arm.sections) + 1):
         section, where = (
             arm.sections[k],
-            f"cable {cable.name!r} in section {arm.sections[k].name!r}",
+            f"{_named(cable)} in section {arm.sections[k].name!r}",
         )
         if cable.straight and not section.discs:
             raise InputError(where, "discs that lead it", "a section without discs")
@@ -146,7 +167,48 @@ def _check_place(arm: Arm, cable: Cable) -> None:
                 raise InputError(where, inside, f"{offset:.4g} m")
 
 
-def _check_effect(layout: Layout, cable: Cable) -> None:
+def _check_room(arm: Arm) -> None:
+    """Refuse more chambers in a section than fit: by their areas and, of round ones, their circles.
+
+    Bellows between discs lie outside the body, so only their circles count.
+    """
+    for k, section in enumerate(arm.sections):
+        here = [one for one in arm.chambers if one.start <= k <= one.end % len(arm.sections)]
+        where = f"section {section.name!r}: chambers"
+        for at in np.linspace(0, 1, 17) if here else ():
+            room, full = section.area(at), sum(c.section_area for c in here if not c.straight)
+            if beyond(full, room):
+                expected = f"at most {1e6 * room:.4g} mm² of cross-sections, its own"
+                raise InputError(where, expected, f"{1e6 * full:.4g} mm²")
+            _check_circles(arm, k, float(at), here, where)
+
+
+def _check_circles(arm: Arm, k: int, at: float, chambers: list[Chamber], where: str) -> None:
+    """Refuse round chambers that meet each other, or a wall, at s / length of section k."""
+    section = arm.sections[k]
+    outer, inner = along(section.radius, at), along(section.inner_radius, at)
+    before: list[tuple[str, float, np.ndarray]] = []
+    for one in chambers:
+        if (radius := one.radius) is None:
+            continue
+        start, end = arm.way(one)
+        place = one.place((arm.starts[k] + at * section.length - start) / (end - start))
+        middle = float(np.linalg.norm(place))
+        if not one.straight and beyond(middle + radius, outer):
+            expected = f"chamber {one.name!r} inside the radius of {1e3 * outer:.4g} mm"
+            raise InputError(where, expected, f"its outer edge at {1e3 * (middle + radius):.4g} mm")
+        if not one.straight and inner > 0 and beyond(inner, middle - radius):
+            expected = f"chamber {one.name!r} outside the inner radius of {1e3 * inner:.4g} mm"
+            raise InputError(where, expected, f"its inner edge at {1e3 * (middle - radius):.4g} mm")
+        for name, size, there in before:
+            apart, least = float(np.linalg.norm(place - there)), radius + size
+            if beyond(least, apart):
+                expected = f"{name!r} and {one.name!r} at least {1e3 * least:.4g} mm apart"
+                raise InputError(where, expected, f"{1e3 * apart:.4g} mm")
+        before.append((one.name, radius, place))
+
+
+def _check_effect(layout: Layout, cable: Path) -> None:
     """Refuse a cable in a channel whose length no joint changes, such as one on a bending axis."""
     if cable.straight:
         return
@@ -155,13 +217,13 @@ def _check_effect(layout: Layout, cable: Cable) -> None:
         kinds = dict.fromkeys(spring.strain for spring in layout.all_springs)
         expected = "an offset from the axis, or a freedom such as extension that changes its length"
         got = f"a length that {', '.join(kinds)} do not change"
-        raise InputError(f"cable {cable.name!r}", expected, got)
+        raise InputError(_named(cable), expected, got)
 
 
-def _bend(layout: Layout, cable: Cable) -> float:
-    """Angle (rad) by which a cable alone bends the weightless arm; 0 if no joint can bend."""
+def _bend(layout: Layout, cable: Path) -> float:
+    """Angle (rad) by which one input bends the weightless arm; 0 if no joint can bend."""
     bends = [
-        cable.max_tension * arm / spring.stiffness
+        cable.largest_force * arm / spring.stiffness
         for spring, arm in zip(layout.all_springs, layout.coefficients(cable), strict=True)
         if spring.freedom.rigidity is Section.bending
     ]

@@ -24,12 +24,15 @@ from softdyn.checks import (
     number,
     whole,
 )
+from softdyn.description.rig import CommandKind
 from softdyn.description.robot import EARTH
 from softdyn.description.stated_task import StatedTask
 from softdyn.design.cables import (
     ArmSensor,
     Cable,
     CableMotor,
+    Chamber,
+    Path,
     Profile,
     along,
     check_name,
@@ -290,10 +293,12 @@ class Arm:
         Whether to accept numbers that no soft arm has.
     name : str
     motors : tuple of CableMotor
-        No cable has two.
+        No cable and no chamber has two.
     sensors : tuple of ArmSensor
     tasks : tuple of StatedTask
         Of the links "tip" and "segment_k"; the position of the tip if there are none.
+    chambers : tuple of Chamber
+        Their inputs follow those of the cables.
     """
 
     sections: tuple[Section, ...]
@@ -308,6 +313,7 @@ class Arm:
     motors: tuple[CableMotor, ...] = ()
     sensors: tuple[ArmSensor, ...] = ()
     tasks: tuple[StatedTask, ...] = ()
+    chambers: tuple[Chamber, ...] = ()
 
     def __post_init__(self) -> None:
         kinds: dict[str, tuple[Any, str]] = {
@@ -319,17 +325,19 @@ class Arm:
         for name, (kind, expected) in kinds.items():
             instance(name, getattr(self, name), kind, expected)
         instances("cables", self.cables, Cable, "a Cable")
+        instances("chambers", self.chambers, Chamber, "a Chamber")
         array("tip", self.tip, (3,))
         flag("unusual", self.unusual)
         if not callable(self.rule):
             raise InputError("rule", "a rule such as gauss_legendre", repr(self.rule))
         if not instances("sections", self.sections, Section, "a Section"):
             raise InputError("sections", "at least one section", "none")
-        for cable in self.cables:
+        for cable in self.paths:
             count = len(self.sections)
             if not (cable.end in range(-count, count) and 0 <= cable.start <= cable.end % count):
                 expected = f"a start and an end among the {count} sections, in this order"
-                raise InputError(f"cable {cable.name!r}", expected, (cable.start, cable.end))
+                where = f"{type(cable).__name__.lower()} {cable.name!r}"
+                raise InputError(where, expected, (cable.start, cable.end))
         self._check_rig()
 
     def _check_rig(self) -> None:
@@ -337,11 +345,16 @@ class Arm:
         instances("motors", self.motors, CableMotor, "a CableMotor")
         instances("sensors", self.sensors, ArmSensor, "an ArmSensor")
         instances("tasks", self.tasks, StatedTask, "a StatedTask")
-        known = {cable.name for cable in self.cables}
+        known = {cable.name for cable in self.paths}
         groups = [part.cables for part in self.motors] + [part.cables for part in self.sensors]
         for name in (name for group in groups for name in group):
             if name not in known:
                 raise InputError("cables", "the name of a cable", did_you_mean(name, known))
+        chambers = {chamber.name for chamber in self.chambers}
+        for motor in self.motors:
+            wound = motor.command is not CommandKind.FORCE
+            if wound and (pushed := sorted(chambers.intersection(motor.cables))):
+                raise InputError("motors", f"a valve of chamber {pushed[0]!r}", "a winch")
         driven = [name for motor in self.motors for name in motor.cables]
         if twice := sorted({name for name in driven if driven.count(name) > 1}):
             raise InputError("motors", f"one motor of cable {twice[0]!r}", driven.count(twice[0]))
@@ -355,6 +368,11 @@ class Arm:
                     raise InputError(where, f"a place up to {self.length:g} m", f"{point:g} m")
 
     @property
+    def paths(self) -> tuple[Path, ...]:
+        """The cables, then the chambers, in the order of the inputs."""
+        return (*self.cables, *self.chambers)
+
+    @property
     def length(self) -> float:
         """Length from the base to the end of the last section or plate (m)."""
         return float(self.starts[-1])
@@ -364,8 +382,8 @@ class Arm:
         """The start of each section, and the end of the arm (sections + 1,) (m)."""
         return starts(self.sections)
 
-    def way(self, cable: Cable) -> tuple[float, float]:
-        """Start and end of a cable along the arm (m)."""
+    def way(self, cable: Path) -> tuple[float, float]:
+        """Start and end of a cable or a chamber along the arm (m)."""
         last = cable.end % len(self.sections)
         return self.starts[cable.start], self.starts[last] + self.sections[last].length
 

@@ -91,7 +91,7 @@ def design(arm: Arm) -> Design:
         "length_m": arm.length,
         "mass_kg": sum(body.mass for body in layout.bodies),
         "degrees_of_freedom": len(layout.all_springs),
-        "inputs": len(arm.cables),
+        "inputs": len(arm.paths),
         "first_frequency_Hz": float(layout.rates[0]) / 2 / math.pi,
         "fastest_mode_rad_s": float(layout.rates[-1]),
     }

@@ -94,7 +94,9 @@ def input_lines(robot: Robot) -> Iterator[str]:
         return
     yield f"inputs: {len(actuators)}"
     shown = [
-        f"{a.name:<22} [{a.lower:g}, {a.upper:g}] times {a.gear:g} on tendon {a.tendon}"
+        f"{a.name:<22} [{a.lower:g}, {a.upper:g}] "
+        + (f"Pa on {a.gear:g} m² along" if a.is_chamber else f"times {a.gear:g} on")
+        + f" tendon {a.tendon}"
         for a in actuators
     ]
     if len(shown) > LISTED:
@@ -115,8 +117,9 @@ def rig_lines(robot: Robot) -> Iterator[str]:
 
 
 def _motor(actuator: Actuator) -> str:
-    unit = {CommandKind.FORCE: "1", CommandKind.LENGTH: "m", CommandKind.VELOCITY: "m/s"}
-    parts = [f"command a {actuator.command.value}"]
+    own = actuator.unit or "1"
+    unit = {CommandKind.FORCE: own, CommandKind.LENGTH: "m", CommandKind.VELOCITY: "m/s"}
+    parts = [f"command a {'pressure' if actuator.is_chamber else actuator.command.value}"]
     if actuator.is_winch:
         parts.append(f"through a cable of {actuator.stiffness:g} N/m, {actuator.damping:g} N s/m")
     if actuator.lag:

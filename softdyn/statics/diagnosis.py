@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from softdyn.description.robot import input_units
 from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.mimic import build
 from softdyn.dynamics.model import SoftModel, check_model
@@ -128,7 +129,10 @@ class Diagnosis:
             "mass_kg": sum(link.inertia.mass for link in robot.links),
             "joints": [{key: getattr(j, key) for key in JOINT} for j in robot.moving_joints],
             "tendons": list(self._tendons()),
-            "inputs": [{key: getattr(a, key) for key in INPUT} for a in robot.actuators],
+            "inputs": [
+                {key: getattr(a, key) for key in INPUT} | {"unit": unit}
+                for a, unit in zip(robot.actuators, input_units(robot), strict=True)
+            ],
             "floating": robot.floating,
             "poses": len(self.poses),
             "rank": self.rank,

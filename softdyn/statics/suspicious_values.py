@@ -13,7 +13,7 @@ from softdyn.description.robot import Joint, Robot, Tendon, moving_bodies
 from softdyn.description.visuals import triangles, visuals
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.dynamics.projection import Projection, underlying_tree
-from softdyn.plausible import WEIGHT, too_heavy, too_strong
+from softdyn.plausible import WEIGHT, implausible_pressures, too_heavy, too_strong
 
 PLANT_STEP = 5e-4  # s, the coarsest plant step of the closed loops
 FLOOR = 1e-15  # kg m² or kg: mjMINVAL, below which MuJoCo calls a pivot of M singular
@@ -258,6 +258,11 @@ def _springs(robot: Robot) -> Iterator[str]:
         tendon = next(t for t in robot.tendons if t.name == actuator.tendon)
         if actuator.gear == 0 or actuator.lower == actuator.upper == 0:
             yield f"actuator {actuator.name!r} can do nothing: its gear or both bounds are 0"
+        if actuator.is_chamber:
+            yield from implausible_pressures(
+                f"actuator {actuator.name!r}", actuator.lower, actuator.upper
+            )
+            continue
         if tendon.sites and actuator.gear > 0:
             yield f"actuator {actuator.name!r} pushes its cable: cables carry a gear < 0"
         if tendon.sites and actuator.gear < 0 and actuator.lower < 0:

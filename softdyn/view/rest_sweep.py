@@ -95,7 +95,8 @@ def rest_sweep(model: SoftModel) -> RestSweep:
     rows.append((t, q, zero, model.state(q, v).y))
     for i, actuator in enumerate(model.robot.actuators):
         for peak in peaks[i][peaks[i] != 0]:
-            notes.append((t, f"{actuator.name} = {peak:.3g}"))
+            kilo = f"{1e-3 * peak:.3g} kPa" if actuator.is_chamber else f"{peak:.3g}"
+            notes.append((t, f"{actuator.name} = {kilo}"))
             for part in shape:
                 u = zero.copy()
                 u[i] = part * peak

@@ -15,6 +15,7 @@ from typing import Any, TypedDict
 import numpy as np
 import pinocchio as pin
 
+from softdyn.description.rig import PASCAL, Actuator
 from softdyn.description.robot import Joint, Robot, Tendon, Wrap, input_units, levels, poses
 from softdyn.description.task_mark import TaskMark
 from softdyn.description.visuals import BoxShape, CylinderShape, Mesh, SphereShape, Visual, visuals
@@ -51,6 +52,9 @@ class DrawnCable:
     winch's cable has no spring of its own, and no `rest`.
 
     `wraps` are the round bodies between its sites. The page's script draws the arcs itself.
+
+    A chamber is a tube of `radius_m` (m); 0 is a cable. Its "tension" is its force p A along the
+    path, which reddens it.
     """
 
     name: str
@@ -62,6 +66,7 @@ class DrawnCable:
     rest: float | None = None
     terms: tuple[tuple[int, float], ...] = ()
     wraps: tuple[Wrap, ...] = ()
+    radius_m: float = 0.0
 
     def part(self, u: np.ndarray) -> float:
         """Tension over full tension, in [-1, 1], under the input u (nu,)."""
@@ -210,7 +215,7 @@ class Figure:
                 for joint in joints
             ],
             "inputs": [
-                {"name": a.name, "lower": a.lower, "upper": a.upper, "unit": unit}
+                {"name": a.name, "lower": a.lower, "upper": a.upper} | _shown(unit)
                 for a, unit in zip(robot.actuators, input_units(robot), strict=True)
             ],
             "coordinates": _coordinates(model, self.size),
@@ -263,6 +268,11 @@ def tension_colour(part: float) -> tuple[float, float, float]:
     stops = [stop for stop, _ in TENSION]
     red, green, blue = (np.interp(at, stops, [rgb[k] for _, rgb in TENSION]) for k in range(3))
     return float(red) / 255, float(green) / 255, float(blue) / 255
+
+
+def _shown(unit: str) -> dict[str, Any]:
+    """The unit in which the page shows an input, and its factor; pressures are in kPa."""
+    return {"unit": "kPa", "factor": 1e-3} if unit == PASCAL else {"unit": unit, "factor": 1.0}
 
 
 def _pose(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
@@ -328,11 +338,14 @@ def _packed(mesh: Mesh) -> dict[str, Any]:
 def _cables(model: SoftModel, shapes: Sequence[Visual]) -> Iterator[DrawnCable]:
     robot = model.robot
     for tendon in robot.tendons:
+        yield from _chamber(model, tendon, shapes)
         spatial, slackness = bool(tendon.sites), _slackness(model, tendon)
+        pulling = [a.tendon == tendon.name and not a.is_chamber for a in robot.actuators]
+        if not any(pulling) and any(a.tendon == tendon.name for a in robot.actuators):
+            continue  # chambers alone
         # A spatial tendon pulls with -gear u. A fixed one is drawn on the side where gear u pulls.
-        weights = np.array(
-            [(-a.gear if spatial else a.gear) * (a.tendon == tendon.name) for a in robot.actuators]
-        )
+        gears = np.array([a.gear for a in robot.actuators]) * pulling
+        weights = -gears if spatial else gears
         ends = np.array([weights * model.u_min, weights * model.u_max]).reshape(2, -1)
         low, high = float(ends.min(axis=0).sum()), float(ends.max(axis=0).sum())
         limit = max(-low, high)
@@ -347,6 +360,23 @@ def _cables(model: SoftModel, shapes: Sequence[Visual]) -> Iterator[DrawnCable]:
             pull = weights if pair else side * weights
             for path in fixed_path(robot, tendon, shapes, side):
                 yield DrawnCable(tendon.name, path, pull, limit, side if pair else 0, *slackness)
+
+
+def _chamber(model: SoftModel, tendon: Tendon, shapes: Sequence[Visual]) -> Iterator[DrawnCable]:
+    """A tube where a cable with the tendon's moment arms would run, if it has a chamber."""
+    robot = model.robot
+
+    def here(a: Actuator) -> bool:
+        return a.is_chamber and a.tendon == tendon.name
+
+    areas = np.array([a.gear * here(a) for a in robot.actuators])
+    if not areas.any():
+        return
+    limit = float(areas @ np.maximum(-model.u_min, model.u_max))
+    radius = float(np.sqrt(areas.max() / np.pi))
+    sites = [(site.link, np.array(site.xyz)) for site in tendon.sites]
+    for path in [sites] if sites else fixed_path(robot, tendon, shapes, -1):
+        yield DrawnCable(tendon.name, path, areas, limit, 0, wraps=tendon.wraps, radius_m=radius)
 
 
 def _slackness(

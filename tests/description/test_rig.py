@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 
 from softdyn.description.rig import Actuator, CommandKind, Sensor, SensorKind
-from softdyn.description.robot import PathEnd, driven_end
+from softdyn.description.robot import PathEnd, driven_end, input_units
 from softdyn.description.urdf import parse_text
 from softdyn.description.urdf_writer import write
+from softdyn.statics.suspicious_values import suspicious_values
 from tests.support.misuses import ARM
 
 ROBOT = parse_text(ARM, path=Path("arm.urdf"))
 OTHER = {
     "command": CommandKind.LENGTH, "stiffness": 900.0, "damping": 2.0, "length_lower": 0.1,
     "length_upper": 0.2, "lag": 0.02, "rate": 3.0, "delay": 0.005,
-    "offset": 0.01,
+    "offset": 0.01, "unit": "Pa",
 }  # fmt: skip
 
 
@@ -36,9 +37,29 @@ def test_every_other_field_is_in_the_text_and_in_the_digest() -> None:
     for name, value in OTHER.items():
         changed = replace(ideal, **{name: value})
         assert f", {name}={value!r})" in repr(changed)
-        assert not changed.is_ideal
+        assert changed.is_ideal == (name == "unit")  # a chamber's pressure may act at once
         digests.add(replace(ROBOT, actuators=(ROBOT.actuators[0], changed)).digest)
     assert len(digests) == 1 + len(OTHER)
+
+
+def test_a_chamber_keeps_its_unit_in_the_file_and_behind_an_ideal_rig() -> None:
+    pushed = replace(ROBOT.actuators[1], gear=2e-4, upper=5e4, unit="Pa", lag=0.05)
+    robot = replace(ROBOT, actuators=(ROBOT.actuators[0], pushed))
+    assert parse_text(write(robot), path=robot.path) == robot
+    assert input_units(robot) == ("0.1 N m", "Pa")
+    assert pushed.ideal == replace(pushed, lag=0.0)
+    assert pushed.ideal.is_chamber
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "said"),
+    [(0, 1.5, 1), (0, 150, 1), (0, 1.5e5, 0), (-8e4, 0, 0), (-2e5, 1e5, 1), (0, 5e7, 1), (0, 0, 0)],
+)
+def test_a_pressure_that_no_chamber_has_is_said(lower: float, upper: float, said: int) -> None:
+    chamber = Actuator("u2", "cable", 2e-4, lower, upper, unit="Pa")
+    robot = replace(ROBOT, actuators=(ROBOT.actuators[0], chamber))
+    assert sum("Pa" in line for line in suspicious_values(robot)) == said
+    assert not any("cables carry" in line for line in suspicious_values(robot))
 
 
 def test_friction_of_a_cable_and_its_driven_end_are_in_the_digest_and_in_the_file() -> None:

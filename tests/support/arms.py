@@ -9,6 +9,7 @@ import numpy as np
 
 import softdyn
 from softdyn import SoftModel, design
+from softdyn.validation.rods.arms import model_of
 from tests.support import ROOT
 from tests.support.micro import GRIPPER, write
 
@@ -46,6 +47,14 @@ def loaded(arm: design.Arm, folder: Path) -> SoftModel:
     file = folder / f"{abs(hash((arm.name, len(arm.sections))))}.urdf"
     file.write_text(design.urdf(arm), encoding="utf-8")
     return softdyn.load(file)
+
+
+def pushed() -> SoftModel:
+    """An arm with two chambers of 40 mm² on opposite sides, at most 100 kPa; one takes a vacuum."""
+    section = design.Section(0.1, 0.0125, RUBBER, 3, ("bend_y", "bend_z", "extension"))
+    one = design.Chamber(0.0, 0.008, 1e5, area=4e-5, min_pressure=-6e4, name="front")
+    two = design.Chamber(np.pi, 0.008, 1e5, area=4e-5, name="back")
+    return model_of(design.Arm((section,), chambers=(one, two), name="pushed"))
 
 
 def reduced_strains(folder: Path) -> SoftModel:

@@ -623,6 +623,9 @@ SLACK = ('<tendon name="flexor" ', '<tendon name="flexor" slack="true" ')
 FREE_LENGTH = 'command="length" stiffness="900"'
 
 
+CHAMBER = 'gear="2e-4" lower="0" upper="5e4"'
+
+
 def u2(words: str, bounds: str = 'gear="-1" lower="0" upper="5"') -> tuple[str, str]:
     """Give the input of the cable more words, or other bounds."""
     return 'gear="-1" lower="0" upper="5"', f"{bounds} {words}"
@@ -704,6 +707,14 @@ RIG = [
     Misuse("negative delay", u2('delay="-0.02"'), f"<softdyn>{U2}", "delay >= 0", "-0.02"),
     Misuse("delay in milliseconds", u2('delay="20"'), f"<softdyn>{U2}", "delay <= 10 s", "20.0"),
     Misuse("rate of zero", u2('rate="0"'), f"<softdyn>{U2}", "rate > 0", "0.0"),
+    Misuse("pressure in another unit", u2('unit="kPa"', CHAMBER), f"<softdyn>{U2}", 'unit="Pa"',
+           "'kPa'; did you mean 'Pa'?"),
+    Misuse("chamber without an area", u2('unit="Pa"', CHAMBER.replace("2e-4", "0")),
+           f"<softdyn>{U2}", "gear > 0, the area (m²) of a chamber", "0.0"),
+    Misuse("chamber of a negative area", u2('unit="Pa"'), f"<softdyn>{U2}",
+           "gear > 0, the area (m²) of a chamber", "-1.0"),
+    Misuse("chamber on a winch", u2(f'{FREE_LENGTH} unit="Pa"', CHAMBER.replace("5e4", "0")),
+           f"<softdyn>{U2}", 'command="force" beside unit="Pa"', "length"),
     Misuse("rate that is not finite", u2('rate="inf"'), f"<softdyn>{U2}",
            "a finite number as rate", "'inf'", row=False),
 ]  # fmt: skip

@@ -26,6 +26,7 @@ DEFAULTS = {
     "link": "required",
     "joint": "required",
     "to": "required",
+    "unit": "a force",
 }
 
 

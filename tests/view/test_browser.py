@@ -20,10 +20,11 @@ from softdyn.validation import Log, paper, simulate
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.pictures.replay import replay, show_runs
 from softdyn.view.live.channel import Channel
+from softdyn.view.live.explorer import Explorer, open_explorer_page
 from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
 from tests.support import PATIENCE, ROOT, micro, rigged, winched
-from tests.support.arms import RUBBER, loaded
+from tests.support.arms import RUBBER, loaded, pushed
 from tests.support.browser import Browser, required
 from tests.support.logs import make_log
 
@@ -282,6 +283,41 @@ def test_cables_take_the_colour_of_their_tension(browser):
         assert extensor[2] > 2 * extensor[0]  # blue at its antagonist
         browser.run("(softdyn.seek(1), 1)")
         assert browser.run(read) == [slack] * 4
+
+
+def test_a_chamber_is_a_tube_that_reddens_and_its_pressure_is_in_kpa(browser):
+    model = pushed()
+    rows = frames(
+        model, [0.0, 1.0], np.zeros((2, model.nv)), np.array([[1e5, 0.0], [-5e4, 0.0]]),
+        np.zeros((2, 3)), np.zeros((2, 3)),
+    )  # fmt: skip
+    page = Page("arm", (Figure.of(model),), (PlayedRun("", (Track(0, rows, "x"),)),), live=True)
+    with Channel(page.html()) as channel:
+        browser.open(channel.url)
+        browser.run("(softdyn.following = false, softdyn.seek(0), 1)")
+        read = "softdyn.tracks[0].figure.cables.map(c => [c.radius, ...c.material.color.toArray()])"
+        full, empty = browser.run(read)
+        assert full[0] == empty[0] == pytest.approx(np.sqrt(4e-5 / np.pi))
+        assert full[1] > 2 * full[3]
+        assert empty[1] == pytest.approx(empty[3], abs=0.2)  # grey
+        assert browser.run(texts("#inputs summary")) == ["inputs (kPa)"]
+        assert [float(x) for x in browser.run(texts("#inputs td:last-child"))] == [100, 0]
+        browser.run("(softdyn.seek(1), 1)")
+        assert browser.run(read)[0][3] > 2 * browser.run(read)[0][1]  # a vacuum is blue
+        assert browser.console == []
+
+
+def test_an_explorer_s_slider_of_a_chamber_is_in_kpa(browser):
+    model = pushed()
+    with open_explorer_page(model) as channel:
+        explorer = Explorer(model)
+        channel.frame(explorer.frame())
+        browser.open(channel.url)
+        browser.until("softdyn.last !== undefined")
+        browser.run("(r => (r.value = Math.cbrt(0.5), r.oninput(), 1))(softdyn.inputs[0].range)")
+        assert float(browser.run("softdyn.inputs[0].value.value")) == pytest.approx(50, rel=0.01)
+        assert browser.run(texts("#inputs .note"))[0].startswith("in kPa;")
+        assert browser.console == []
 
 
 def test_the_live_viewer_draws_what_is_pushed(browser):

@@ -11,14 +11,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import softdyn
-from softdyn import design
+from softdyn import design, statics
 from softdyn.description.robot import input_unit, poses
 from softdyn.description.visuals import BoxShape, CylinderShape, Visual
 from softdyn.view.rest_sweep import BEND, TRAVEL, rest_sweep
 from softdyn.view.scene import TENSION, Figure, tension_colour
 from softdyn.view.tendon_paths import CLEARANCE, _distance
 from tests.proof.crosschecks.wrapped_robots import wrapped_robot
-from tests.support.arms import RUBBER, THREE_SECTIONS, loaded
+from tests.support.arms import RUBBER, THREE_SECTIONS, loaded, pushed
 
 STICKS = """<robot name="sticks">
   <link name="base"/><link name="a">{i}</link><link name="b">{i}</link><link name="tip"/>
@@ -296,3 +296,20 @@ def test_a_drawn_cable_follows_the_round_bodies_that_it_touches():
                 assert 0.998 * lengths[cable.name] < drawn < lengths[cable.name] + 1e-12
                 touched += len(cable.points(figure.link_poses(q))) > len(cable.sites)
     assert touched > 2
+
+
+def test_a_chamber_is_a_tube_at_its_place_beside_the_cables() -> None:
+    """The drawn tube lies where the chamber is, on the side that its pressure makes longer."""
+    model = pushed()
+    front, back = Figure.of(model).cables
+    assert front.radius_m == back.radius_m == pytest.approx(np.sqrt(4e-5 / np.pi))
+    assert front.part(np.array([1e5, 0.0])) == pytest.approx(1)
+    assert front.part(np.array([-6e4, 1e5])) == pytest.approx(-0.6)
+    poses = model.link_poses(model.q0)
+    # the arm hangs from the origin, and its +z is the world's +x
+    assert front.points(poses)[:, 0] == pytest.approx(0.008)
+    assert back.points(poses)[:, 0] == pytest.approx(-0.008)
+    inputs = Figure.of(model).data["inputs"]
+    assert [(one["unit"], one["factor"]) for one in inputs] == [("kPa", 1e-3)] * 2
+    rest = statics.settle(model, np.array([5e4, 0.0]))
+    assert rest.y[0] < -0.01

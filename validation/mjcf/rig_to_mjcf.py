@@ -117,6 +117,8 @@ def lost_rig(robot: Robot) -> Iterator[str]:
             if wrap.friction:
                 yield f"tendon {tendon.name!r}: the friction {wrap.friction:g} of a round body"
     for actuator in robot.actuators:
+        if actuator.is_chamber:
+            yield f"actuator {actuator.name!r}: that its input is a pressure in {actuator.unit}"
         if math.isfinite(actuator.rate):
             yield f"actuator {actuator.name!r}: the bound {actuator.rate:g}/s of its command's rate"
         if actuator.is_speed and actuator.lag:

@@ -274,6 +274,7 @@ def _actuators(source: Neutral, tendons: list[Tendon], lost: list[str]) -> Itera
         rig = dict(motor.rig)
         if (unit := rig.pop("unit", 1.0)) != 1.0:
             lost.append(f"actuator {motor.name!r}: that {unit:g} in its command is 1 m")
+        rig["unit"] = rig.pop("input_unit", "")
         if "command" in rig:
             rig["command"] = CommandKind(rig["command"])
             if max(motor.gear * motor.lower, motor.gear * motor.upper) > 0:

@@ -90,7 +90,9 @@ def converge(arm: design.Arm, counts: Sequence[int], tolerance: float) -> Conver
         for index, tension in pulls:
             u = np.zeros(model.nu)
             u[index] = tension
-            note(f"tip, {arm.cables[index].name} at {tension:.3g} N", tip(model, u.tolist()))
+            path = arm.paths[index]
+            unit = "Pa" if isinstance(path, design.Chamber) else "N"
+            note(f"tip, {path.name} at {tension:.3g} {unit}", tip(model, u.tolist()))
     ladders = []
     for name, values in measured.items():
         if len(values) < len(counts):  # a mode that the coarsest arm does not have
@@ -101,10 +103,10 @@ def converge(arm: design.Arm, counts: Sequence[int], tolerance: float) -> Conver
 
 
 def _pulls(arm: design.Arm) -> list[tuple[int, float]]:
-    """Cables to pull, one of each start and end, and their tensions (N)."""
+    """Cables and chambers to load, one of each start and end, and their inputs (N, Pa)."""
     layout = design.lay_out(arm)
     found: dict[tuple[int, int], tuple[int, float]] = {}
-    for index, cable in enumerate(arm.cables):
+    for index, cable in enumerate(arm.paths):
         bend = float(
             np.abs(
                 [
@@ -117,6 +119,9 @@ def _pulls(arm: design.Arm) -> list[tuple[int, float]]:
             ).sum()
         )
         if bend > 0:
-            tension = min(cable.max_tension, BEND / bend)
+            tension = min(cable.largest_force, BEND / bend)
+            if isinstance(cable, design.Chamber):
+                sign = 1 if cable.max_pressure > -cable.min_pressure else -1
+                tension *= sign / cable.section_area
             found.setdefault((cable.start, cable.end % len(arm.sections)), (index, tension))
     return list(found.values())

@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 
-from softdyn.description.robot import input_unit
 from softdyn.view.live.channel import Channel
 from softdyn.view.live.frames import Columns
 from softdyn.view.live.messages import OPEN_LOOP, Limits
@@ -50,17 +49,17 @@ def open_live_page(
         If Meshcat is not installed, the port is taken or the server does not start.
     """
     model = figure.model
-    columns = Columns(model, figure.numbers)
+    columns, drawn = Columns(model, figure.numbers), figure.data
     scene = {
         "title": title,
         "mode": mode,
         "tension": [[stop, *rgb] for stop, rgb in TENSION],
-        "figure": figure.data,
+        "figure": drawn,
         "links": figure.links,
         "columns": columns.data,
         "laws": [] if limits is None else list(limits.laws),
         "open": OPEN_LOOP,
-        "unit": input_unit(model.robot),
+        "unit": ", ".join(dict.fromkeys(one["unit"] for one in drawn["inputs"])),
         "period": period,
         "pull": pull,
         "ghost": "estimate" if estimates else "model",

@@ -351,7 +351,8 @@ class Figure {
       rods[1].instanceMatrix = rods[0].instanceMatrix;
       rods[1].renderOrder = 1;
       rods.forEach(rod => { rod.frustumCulled = false; this.object.add(rod); });
-      return {...cable, limit, material, hidden, sites, wraps, rods, radius,
+      return {...cable, limit, material, hidden, sites, wraps, rods,
+        radius: cable.radius_m || radius,
         ends: sites.map(() => new T.Vector3())};
     });
     this.pose(new Array(data.dof).fill(0), new Array(data.inputs.length).fill(0));
@@ -383,8 +384,8 @@ class Figure {
       cable.material.color.setRGB(...(cable.rgba ? cable.rgba.slice(0, 3) : shade(part)));
       cable.hidden.color.copy(cable.material.color);
       cable.points.slice(1).forEach((_, i) => {
-        lay(LAID, cable.points[i], cable.points[i + 1],
-          cable.radius * (slack ? 0.4 : 0.75 + 0.5 * Math.abs(part)));
+        const wide = cable.radius_m ? 1 : slack ? 0.4 : 0.75 + 0.5 * Math.abs(part);
+        lay(LAID, cable.points[i], cable.points[i + 1], cable.radius * wide);
         LAID.updateMatrix();
         cable.rods[0].setMatrixAt(i, LAID.matrix);
       });

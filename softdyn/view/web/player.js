@@ -259,7 +259,8 @@ class Player {
         name.title = input.name;
         if (this.tracks.length > 1) name.style.color = track.colour;
         const bar = element(element(row, "td"), "div"), fill = element(bar, "i");
-        bar.title = `from ${digits(input.lower)} to ${digits(input.upper)} ${input.unit}`;
+        const [low, high] = [input.lower, input.upper].map(x => digits(input.factor * x));
+        bar.title = `from ${low} to ${high} ${input.unit}`;
         this.bars.push({track, i, input, fill, value: element(row, "td")});
       });
   }
@@ -295,8 +296,9 @@ class Player {
       fill.style.left = left + "%";
       fill.style.width = Math.max(0.5, right - left) + "%";
       fill.style.background = css(scaled(u / full));
-      const digits = Math.abs(u) < 1 ? 3 : Math.abs(u) < 10 ? 2 : Math.abs(u) < 100 ? 1 : 0;
-      value.textContent = u.toFixed(digits).replace(/^-(0[.0]*)$/, "$1");
+      const x = input.factor * u, size = Math.abs(x);
+      const digits = size < 1 ? 3 : size < 10 ? 2 : size < 100 ? 1 : 0;
+      value.textContent = x.toFixed(digits).replace(/^-(0[.0]*)$/, "$1");
     }
   }
   buildChannels() {  // a strip for each channel of a user's own, its values beside their names
@@ -339,11 +341,14 @@ class Player {
       pen.fillRect(x, 0, 1, canvas.height);
     }
     const max = this.tracks.some(t => t.full) ? "most" : "bound";
+    const tubes = figures.flatMap(f => f.cables).map(c => c.radius_m > 0);
+    const kind = tubes.every(Boolean) ? "pressure" : tubes.some(Boolean)
+      ? "tension or pressure" : "cable tension";
     scale.querySelector("p").replaceChildren();
     for (const text of signed ? ["−" + max, "−⅛", "0", "⅛", "+" + max]
-      : ["slack", "⅛", max]) element(scale.querySelector("p"), "span", text);
+      : [tubes.some(Boolean) ? "0" : "slack", "⅛", max]) element(scale.querySelector("p"), "span", text);
     scale.querySelector("b").textContent = max == "most"
-      ? "cable tension, of the largest here" : "cable tension, of the input's bound";
+      ? `${kind}, of the largest here` : `${kind}, of the input's bound`;
   }
 
   applyLook() {

@@ -62,6 +62,18 @@ def arm(folder: Path, rig: dict[str, Any], damping: float = 0.0) -> Path:
     return path
 
 
+def test_the_unit_of_a_chamber_is_lost_in_mjcf_kept_in_urdf_and_changes_no_motion(tmp_path):
+    source = tmp_path / "chamber.urdf"
+    motor = 'tendon="right" gear="-1" lower="0" upper="60"'
+    valve = 'tendon="right" gear="2e-4" lower="-2e4" upper="1e5" unit="Pa"'
+    source.write_text(arm(tmp_path, {"lag": 0.05}).read_text().replace(motor, valve))
+    result, lost = export.write_mjcf(source, tmp_path / "arm.xml", shapes=False)
+    assert "actuator 'u2': that its input is a pressure in Pa" in lost
+    assert not any(cause.kind == "actuator" for cause in result.causes)
+    export.write_urdf(source, tmp_path / "again.urdf")
+    assert softdyn.parse(tmp_path / "again.urdf").actuators == softdyn.parse(source).actuators
+
+
 def test_friction_of_a_cable_is_lost_in_mjcf_kept_in_urdf_and_compared(tmp_path):
     source = arm(tmp_path, {})
     rubbing = tmp_path / "rubbing.urdf"

@@ -144,6 +144,8 @@ def _rig(actuator: Actuator) -> dict[str, Any]:
     """The fields that are not those of an ideal actuator."""
     values = ((f.name, getattr(actuator, f.name), f.default) for f in fields(actuator))
     found = {name: value for name, value, ideal in values if ideal not in (MISSING, value)}
+    if "unit" in found:  # of the input; the name means a winch's command in MJCF
+        found["input_unit"] = found.pop("unit")
     return found | ({"command": actuator.command.value} if actuator.is_winch else {})
 
 

@@ -184,7 +184,7 @@ class Motor:
         Its other properties in the file, by MuJoCo's name of the field.
     rig : dict[str, Any]
         Its command, lag, …: fields of `Actuator` that are not those of an ideal one. A ``unit``
-        other than 1 is the command of a winch per metre.
+        other than 1 is the command of a winch per metre, and ``input_unit`` is `Actuator.unit`.
     number : int
         Its number among MuJoCo's actuators.
     """

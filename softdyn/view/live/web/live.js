@@ -183,7 +183,8 @@ class Live {
       gap: 1e3 * this.one(frame, "gap"),
       error: this.aims || this.scene.mode == "watch"
         ? 100 * Math.hypot(y[0] - r[0], y[1] - r[1], y[2] - r[2]) : NaN};
-    this.part(frame, "u").forEach((u, i) => { row["u" + i] = u; });
+    const {inputs} = this.scene.figure;
+    this.part(frame, "u").forEach((u, i) => { row["u" + i] = inputs[i].factor * u; });
     for (const slots of this.recent) slots.push(t, row);
     this.row = row;
     this.leaveTrail(y);
@@ -415,10 +416,11 @@ class Live {
     const open = this.scene.mode == "play" && this.state.law == this.scene.open;
     u.forEach((value, i) => {
       const {name, range, value: out, full} = this.inputs[i];
+      const {factor} = this.scene.figure.inputs[i];
       const said = open ? this.state.inputs[i] ?? value : value;
       if (document.activeElement != range) range.value = Math.cbrt(said / full);
       name.style.borderColor = css(scaled(value / full));
-      out.value = Math.abs(value) < 1e-6 * full ? "0" : digits(value);
+      out.value = Math.abs(value) < 1e-6 * full ? "0" : digits(factor * value);
     });
   }
   makeSide() {
@@ -468,8 +470,8 @@ class Live {
   }
   makePlots() {
     const box = this.find("plots"), {inputs} = this.scene.figure, log = new Logarithmic(LEAST);
-    const bounds = [...new Set(inputs.flatMap(i => [i.lower, i.upper]))];
-    const small = Math.min(...inputs.map(i => Math.max(-i.lower, i.upper))) / 100 || 1;
+    const bounds = [...new Set(inputs.flatMap(i => [i.factor * i.lower, i.factor * i.upper]))];
+    const small = Math.min(...inputs.map(i => i.factor * Math.max(-i.lower, i.upper))) / 100 || 1;
     const [first, second] = INK;
     this.plots = {
       error: new Strip(box, "error (cm)", [["error", first]], log),
