@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from softdyn import InputError, Reference, SetPoint, SoftModel, State
+from softdyn import ForceError, InputError, Reference, SetPoint, SoftModel, State
 from softdyn.checks import array
 from softdyn.compiled import COMPILES, compiled
 from softdyn.controllers.channels import LogChannel, channels_of
@@ -177,7 +177,7 @@ class GuardedController(KeepsMaking, Separate, ABC):
         with guard.lock:
             try:
                 command = self._command(state, reference)
-            except np.linalg.LinAlgError:
+            except (np.linalg.LinAlgError, ForceError):  # a force of a user's own has failed
                 command = guard.fall_back(Status.NON_FINITE, np.nan, np.nan)
             if command.status is not OK:
                 guard.complete(state, reference)

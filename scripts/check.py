@@ -22,8 +22,8 @@ listed.
 motion near a few equilibria; a comment tells why. docs/your_robot.md shows an example.
 
 FILE.py:CLASS [ROBOT] tests instead a class of your own with a robot (finger by default). Its
-methods tell its kind: a controller, a plant, a driver, a task, a barrier, an observer or a
-reference; --as decides. A line is printed for each rule of the kind. For a rule that is broken it
+methods tell its kind: a controller, a plant, a driver, a task, a barrier, an observer, a reference
+or a force; --as decides. A line is printed for each rule of the kind. For a rule that is broken it
 has the call that shows it. A driver is started, gets relaxed commands, and is stopped.
 
 exit codes: 0 no number looks wrong, or every rule is kept; 1 otherwise; 2 bad input.

@@ -54,6 +54,8 @@ class TreeModel(SoftModel):
         numbers that were copied from it, so that it must not change.
     pin_data : pinocchio.Data
         Its scratch memory in the calling thread.
+    unforced : TreeModel
+        The same model without forces of one's own; forces are called with it.
     gear : ndarray, (m,)
         Force of each input along its tendon for u = 1.
     actuated : ndarray of int, (m,)
@@ -128,7 +130,7 @@ class TreeModel(SoftModel):
         self._assemble = self._by_kernel if COMPILES else self._in_numpy
         self._forces = check_forces(self.robot.forces)
         free = replace(self.robot, forces=()) if self._forces else self.robot
-        self._unforced = self if free is self.robot else self._sharing(free)
+        self.unforced = self if free is self.robot else self._sharing(free)
 
     def _sharing(self, robot: Robot) -> TreeModel:
         """The model of this robot with other forces; it shares the engine and all numbers."""
@@ -328,22 +330,22 @@ class TreeModel(SoftModel):
     def forces_at(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """F (n,), the sum of one's own forces (N m, N), as in `State.F`."""
         q, v = self._read(q), vector("v", v, self.nv)
-        return read_only(total_force(self._forces, self._unforced, q, v))
+        return read_only(total_force(self._forces, self.unforced, q, v))
 
     def force_derivatives(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """∂F/∂(q ⊕ dq) and ∂F/∂q̇ (n, n) of one's own forces."""
         q, v = self._read(q), vector("v", v, self.nv)
-        return total_derivatives(self._forces, self._unforced, q, v)
+        return total_derivatives(self._forces, self.unforced, q, v)
 
     @property
     def conserves(self) -> bool:
         """Whether each force of one's own has a potential."""
-        energies = (energy_of(force, self._unforced, self.q0) for force in self._forces)
+        energies = (energy_of(force, self.unforced, self.q0) for force in self._forces)
         return all(energy is not None for energy in energies)
 
     def forces_energy(self, q: np.ndarray) -> float:
         """Energy of those forces of one's own that have a potential (J)."""
-        return total_energy(self._forces, self._unforced, self._read(q))
+        return total_energy(self._forces, self.unforced, self._read(q))
 
     # -- tendons -------------------------------------------------------------------------------
 

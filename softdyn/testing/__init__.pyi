@@ -1,4 +1,5 @@
 from .controllers import check_controller
+from .forces import check_force
 from .functions import check_barrier, check_reference, check_task
 from .kinds import KINDS, check, kind_of
 from .observers import check_observer
@@ -13,6 +14,7 @@ __all__ = [
     "check_barrier",
     "check_controller",
     "check_driver",
+    "check_force",
     "check_observer",
     "check_plant",
     "check_reference",

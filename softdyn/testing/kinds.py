@@ -8,6 +8,7 @@ from typing import Any
 
 from softdyn import InputError, SoftModel
 from softdyn.testing.controllers import check_controller
+from softdyn.testing.forces import check_force
 from softdyn.testing.functions import check_barrier, check_reference, check_task
 from softdyn.testing.observers import check_observer
 from softdyn.testing.report import Conformance
@@ -22,6 +23,7 @@ KINDS: dict[str, Callable[..., Conformance]] = {
     "barrier": check_barrier,
     "observer": check_observer,
     "reference": check_reference,
+    "force": check_force,
 }
 # the first kind whose methods are all there; a callable without them is told by its parameters
 BY_METHODS = {
@@ -46,6 +48,8 @@ def kind_of(subject: Any) -> str:
     own = "__call__" in {name for cls in _classes(subject) for name in vars(cls)}
     if call is not None and own:
         names = [name for name in inspect.signature(call).parameters if name != "self"]
+        if len(names) == 3:
+            return "force"
         if len(names) >= 2:
             return "controller"
         if hasattr(subject, "rate") or _annotated(subject, "rate"):

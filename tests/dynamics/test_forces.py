@@ -167,13 +167,13 @@ def test_settle_finds_the_root_that_another_solver_finds(name, force):
 def test_inputs_for_the_tip_hold_it_against_the_force():
     finger = softdyn.load("finger")
     y = statics.settle(finger, 0.2 * finger.u_max).y
-    wet = finger.with_forces(Wrench("tip", force=[0, 0, -0.2]))
+    wet = finger.with_forces(Wrench("tip", force=[0, 0, -0.05]))
     found = statics.inputs_for_tip(wet, y).nearest
     np.testing.assert_allclose(found.y, y, atol=1e-6)
     # the same wrench in the balance as a disturbance at the tip
     balance = ForceBalance(finger, (softdyn.dynamics.Disturbance.TIP_FORCE,), motors=())
     zero = np.zeros(finger.nv)
-    r = balance(found.q, zero, zero, found.u, np.array([0, 0, -0.2])).residual
+    r = balance(found.q, zero, zero, found.u, np.array([0, 0, -0.05])).residual
     assert np.abs(r - found.limit_forces).max() < 1e-8
 
 
@@ -352,3 +352,25 @@ def test_the_jacobian_of_a_link_is_that_of_its_pose(model):
         np.testing.assert_allclose(model.link_velocity(q, v, link.name), J @ v, atol=1e-14)
     with pytest.raises(InputError):
         model.link_jacobian(q, "no such link")
+
+
+class NoSlope(Toy):
+    """Its derivatives fail beyond a speed."""
+
+    def derivatives(self, model, q, v):
+        if np.abs(v).max() > 1.0:
+            raise ArithmeticError("too fast")
+        return np.zeros((model.nv, model.nv)), -self.drag * np.eye(model.nv)
+
+
+def test_a_control_step_falls_back_where_a_force_fails():
+    finger = softdyn.load("finger").with_forces(NoSlope())
+    controller = SoftIdClfQp(finger, horizon=0.01)
+    goal = softdyn.SetPoint(finger.state(finger.q0, np.zeros(4)).y)
+    slow, fast = (finger.state(np.full(4, 0.1), np.full(4, speed)) for speed in (0.1, 2.0))
+    good = controller(slow, goal)
+    assert good.status.value == "ok"
+    held = controller(fast, goal)
+    assert (held.u == good.u).all()
+    assert held.status.value != "ok"
+    assert controller.guard.fallbacks == 1
