@@ -20,7 +20,11 @@ from typing import Any
 
 import numpy as np
 
+from softdyn.description.robot import Robot
+from softdyn.dynamics.forces import differences, energy_of
 from softdyn.dynamics.model import SoftModel, check_model
+from softdyn.dynamics.projection import underlying_tree
+from softdyn.dynamics.reduced import rebuild
 from softdyn.exceptions import InputError, SoftdynError
 from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
 from softdyn.validation.crosschecks.result import Check, CrossCheck, StepLadder, TrajectoryRun
@@ -61,6 +65,10 @@ SCALES = {
     "trajectory": "1 rad and 1 rad/s",
 }
 QUANTITIES = tuple(SCALES)
+FORCE = "F"  # forces of one's own, in robots that have some
+GIVEN = "given, not checked; its derivatives and energy against finite differences"
+TOLERANCE_FORCE = 1e-4
+DIFFERENCE = 1e-5  # rad, m; of an energy
 SOLVED = {"qdd", "rigged qdd"}  # by M
 INTEGRATED = {"trajectory", "rigged"}
 ROUNDING = 2.0**-52
@@ -185,9 +193,18 @@ def crosscheck(
                 tally.errors["trajectory"] = float(np.max(errors))
     tolerances = RIG_TOLERANCES | _tolerances(model)
     names = QUANTITIES if trajectories else QUANTITIES[:-1]
+    if model.forces:
+        names = (*names[:-1], FORCE, names[-1])
+        rng = np.random.default_rng((seed, 2))
+        with tally.guard(FORCE):
+            errors = [given_error(model, *random_state(model, rng)) for _ in range(samples)]
+            tally.errors[FORCE] = float(np.max(errors))
     if isinstance(twin, Twin):
         rig = [name for name in quantities_of(model) if trajectories or name != "rigged"]
-        runs += _compare_rigs(tally, model, twin, rig, samples, seed, report)
+        # the rig does not depend on forces of one's own
+        plain = rebuild(model, replace(model.robot, forces=()))
+        robot = replace(twin.robot, forces=())
+        runs += _compare_rigs(tally, plain, robot, rig, samples, seed, report)
         names += tuple(rig)
     return CrossCheck(
         model.name, model.nv, model.nu, samples, seed,
@@ -209,7 +226,7 @@ def _verdicts(
     """
     rounding = ROUNDING * tally.condition
     floors = dict.fromkeys(SOLVED, rows * rounding) | dict.fromkeys(INTEGRATED, rounding)
-    scales = SCALES | RIG_SCALES
+    scales = SCALES | RIG_SCALES | {FORCE: GIVEN}
     checks = [
         Check(
             name, tally.errors[name],
@@ -226,7 +243,7 @@ def _verdicts(
 def _compare_rigs(
     tally: Tally,
     model: SoftModel,
-    twin: Twin,
+    robot: Robot,
     rig: list[str],
     samples: int,
     seed: int,
@@ -236,7 +253,7 @@ def _compare_rigs(
     rng = np.random.default_rng((seed, 1))
     states = [name for name in rig if name != "rigged"]
     with tally.guard(*states):
-        judges = [RigStates(model, twin.robot)] if states else []
+        judges = [RigStates(model, robot)] if states else []
         for judge, k in product(judges, range(samples)):
             report(f"state {k + 1} of {samples} with the rig")
             for comparison in judge.compare(*random_state(model, rng), rng):
@@ -244,7 +261,7 @@ def _compare_rigs(
     if "rigged" not in rig:
         return ()
     with tally.guard("rigged"):
-        run = compare_motion(model, twin.robot, rng, report)
+        run = compare_motion(model, robot, rng, report)
         tally.errors["rigged"] = run.max_error
         return (run,)
     return ()
@@ -253,6 +270,7 @@ def _compare_rigs(
 def _tolerances(model: SoftModel) -> dict[str, float]:
     """Tolerance of each quantity; a quantity that depends on spatial tendons gets the wider one."""
     found = dict.fromkeys(QUANTITIES, TOLERANCE) | {"trajectory": TOLERANCE_TRAJECTORY}
+    found[FORCE] = TOLERANCE_FORCE
     spatial = [tendon for tendon in model.robot.tendons if tendon.sites]
     driven = {actuator.tendon for actuator in model.robot.actuators}
     for quantity, enters in (
@@ -264,6 +282,36 @@ def _tolerances(model: SoftModel) -> dict[str, float]:
             found[quantity] = TOLERANCE_SPATIAL
     if any(wrap.inside for tendon in spatial for wrap in tendon.wraps):
         found |= TOLERANCE_INSIDE
+    return found
+
+
+def given_error(model: SoftModel, q: np.ndarray, v: np.ndarray) -> float:
+    """The largest relative error of the derivatives and energies that forces of one's own state.
+
+    The derivatives stand against central differences of the force, and F at rest against minus the
+    gradient of the energy. The force itself is given: the twin calls the same object.
+    """
+    tree, S = underlying_tree(model)
+    free = rebuild(tree, replace(tree.robot, forces=()))
+    q, v = (q, v) if S is None else (model.expand(q), S @ v)  # type: ignore[attr-defined]
+    found = 0.0
+    for force in model.forces:
+        alone = free.with_forces(force)
+        pairs = list(
+            zip(alone.force_derivatives(q, v), differences(force, free, q, v), strict=True)
+        )
+        if energy_of(force, free, q) is not None:
+            gradient = np.empty(free.nv)
+            for k in range(free.nv):
+                move = np.zeros(free.nv)
+                move[k] = DIFFERENCE
+                ahead, behind = (
+                    energy_of(force, free, free.integrate(q, sign * move)) for sign in (1, -1)
+                )
+                gradient[k] = (ahead - behind) / (2 * DIFFERENCE)  # type: ignore[operator]
+            pairs.append((alone.forces_at(q, np.zeros(free.nv)), -gradient))
+        size = max(1.0, *(float(np.abs(b).max(initial=0.0)) for _, b in pairs))
+        found = max(found, *(relative_error(a, b, size) for a, b in pairs))
     return found
 
 

@@ -16,6 +16,7 @@ from softdyn.validation.mjcf.scene import Scene
 from softdyn.validation.mjcf.servos import as_forces
 from softdyn.validation.twin.free_base import rk4_on_rotations
 from softdyn.validation.twin.integrators import Integrator
+from softdyn.validation.twin.own_forces import OwnForces
 from softdyn.validation.twin.settings import disabled
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin, check_warnings
@@ -66,6 +67,9 @@ class MujocoTerms:
         paths = bool((self._model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE).any())
         self._damping_varies = paths and bool(self._model.tendon_damping.any())
         self.mass = float(self._model.body_mass[1:].sum())
+        self._own: OwnForces | None = None  # given ones, which MuJoCo does not judge
+        if twin.robot.forces:
+            self._own = OwnForces(twin.robot, self._model, self._data, states)
 
     # -- at one state --------------------------------------------------------------------------
 
@@ -79,6 +83,8 @@ class MujocoTerms:
         self._data.qpos[:] = qpos
         mujoco.mj_fwdPosition(self._model, self._data)
         self._velocity(self._qvel)
+        if self._own is not None:
+            self._own.update()
 
     def _velocity(self, qvel: np.ndarray) -> None:
         self._data.qvel[:] = qvel
@@ -250,6 +256,8 @@ class MujocoTerms:
         """Prepare to `follow` a trajectory from the model's state with a scheme and a step (s)."""
         self._model.opt.integrator = Integrator(integrator).mujoco
         self._model.opt.timestep = step
+        if self._own is not None:
+            self._own.scheme = self._model.opt.integrator
         self._damping: np.ndarray | None = None
         self._step = self._tied_rk4 if integrator == "rk4" else self._tied_implicit
         self.set_state(q, v)
@@ -278,6 +286,9 @@ class MujocoTerms:
             if self._tied:
                 for _ in range(steps):
                     self._step(self._model.opt.timestep)
+            elif self._own is not None:
+                for _ in range(steps):
+                    self._own.step()
             else:
                 mujoco.mj_step(self._model, data, steps)
             check_warnings(data)
@@ -291,6 +302,8 @@ class MujocoTerms:
         """Mass matrix (nv, nv) and all forces (nv,) of a robot with followers."""
         data, E = self._data, self.states.ties
         data.qpos[:], data.qvel[:] = qpos, E @ w
+        if self._own is not None:
+            self._own.update()
         mujoco.mj_forward(self._model, data)
         check_warnings(data)
         return E.T @ self._M() @ E, E.T @ data.qfrc_smooth
@@ -318,6 +331,8 @@ class MujocoTerms:
         if self._damping is None or self._damping_varies:
             self._damping = self._damping_along(self.states.ties)
         damping = self._damping + self._damping_of_actuators(self.states.ties)
+        if self._own is not None:
+            damping = damping - self.states.ties.T @ self._own.rate_slopes() @ self.states.ties
         w = w + h * np.linalg.solve(M + h * damping, force)
         if self._model.na or self._model.actuator_delay.any():
             mujoco.mj_step(self._model, self._data)  # its activations, delays and clock

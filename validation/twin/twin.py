@@ -19,6 +19,7 @@ from softdyn.copies import Separate
 from softdyn.description.library import find
 from softdyn.description.robot import Robot
 from softdyn.description.urdf import parse
+from softdyn.dynamics.mimic import build as build_model
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError, SoftdynError
 from softdyn.safety.obstacles import Obstacle
@@ -27,7 +28,9 @@ from softdyn.validation.twin.build import TASK_SITE, build
 from softdyn.validation.twin.cable_friction import CableFriction
 from softdyn.validation.twin.integrators import Integrator, integrator_of
 from softdyn.validation.twin.obstacles import Contacts, add_obstacles
+from softdyn.validation.twin.own_forces import OwnForces
 from softdyn.validation.twin.settings import Settings, silence
+from softdyn.validation.twin.state_map import StateMap
 
 LARGEST = 1e10  # mjMAXVAL: beyond it MuJoCo calls a state bad
 WARNINGS = {
@@ -161,6 +164,11 @@ class Twin(Separate):
             self.cable_friction = CableFriction(self.model, self.robot)
             if not friction:
                 self.model.dof_frictionloss[:] = 0.0
+        self._own: OwnForces | None = None
+        if self.robot.forces:
+            self._own = OwnForces(
+                self.robot, self.model, self.data, StateMap(build_model(self.robot), self)
+            )
         self.reset()
 
     def amend(self, spec: mujoco.MjSpec) -> None:
@@ -196,7 +204,7 @@ class Twin(Separate):
         """Return to q = 0 at rest and t = 0, and clear the solver's warm start and warnings."""
         self._reset()
         self.data.qpos[:] = self.rest
-        mujoco.mj_forward(self.model, self.data)
+        self._forward()
 
     def set_state(self, qpos: np.ndarray, qvel: np.ndarray, time: float = 0.0) -> None:
         """Set a state, and clear the solver's warm start and warnings.
@@ -218,7 +226,7 @@ class Twin(Separate):
         qvel = self._vector("qvel", qvel, self.model.nv)
         self._reset()
         self.data.qpos[:], self.data.qvel[:], self.data.time = qpos, qvel, time
-        mujoco.mj_forward(self.model, self.data)
+        self._forward()
         check_warnings(self.data)
 
     def hold(self, commands: np.ndarray, lengths: np.ndarray) -> None:
@@ -262,7 +270,7 @@ class Twin(Separate):
     def refresh(self) -> None:
         """Compute the derived quantities of the present state; the next step is not changed."""
         start = self.data.qacc_warmstart.copy()
-        mujoco.mj_forward(self.model, self.data)
+        self._forward()
         self.data.qacc_warmstart[:] = start
 
     @property
@@ -290,22 +298,37 @@ class Twin(Separate):
         Raises
         ------
         InputError
-            The input has the wrong shape or is not finite.
+            The input has the wrong shape or is not finite; a force of one's own cannot be used, or
+            is too stiff for the step.
         SimulationError
             MuJoCo warned that the state diverged or that contacts did not fit. `data` is left as it
             is.
         """
         self.data.ctrl[: self.nu] = array("u", u, (self.nu,))
-        if self.cable_friction is None:
+        if self.cable_friction is None and self._own is None:
             mujoco.mj_step(self.model, self.data, steps)
         else:
+            if self._own is not None:
+                self._own.check_step()
             for _ in range(steps):
-                self.cable_friction.update(self.data)
-                mujoco.mj_step(self.model, self.data)
+                if self.cable_friction is not None:
+                    self.cable_friction.update(self.data)
+                if self._own is None:
+                    mujoco.mj_step(self.model, self.data)
+                else:
+                    self._own.step()
         check_warnings(self.data)
+
+    def _forward(self) -> None:
+        """Compute the derived quantities of the present state."""
+        if self._own is not None:
+            self._own.update()
+        mujoco.mj_forward(self.model, self.data)
 
     def _reset(self) -> None:
         mujoco.mj_resetData(self.model, self.data)
+        if self._own is not None:
+            self._own.forget()
         if self.cable_friction is not None:
             self.cable_friction.clear()
 
