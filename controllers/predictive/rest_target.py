@@ -56,9 +56,12 @@ class RestTarget:
 
 
 def instability(one: Equilibrium) -> tuple[float, float]:
-    """Sum of the unstable poles' real parts, and the rightmost pole's (1/s)."""
+    """Sum of the unstable poles' real parts, and the rightmost pole's (1/s).
+
+    With all joints at their stops there is no pole.
+    """
     real = one.poles.real
-    return float(real[real > 0].sum()), float(real[0])
+    return float(real[real > 0].sum()), float(real.max(initial=-np.inf))
 
 
 def folded(

@@ -34,7 +34,8 @@ class Step(casadi.Callback):
 
     def eval(self, given):
         x, u = (np.array(one).ravel() for one in given[:2])
-        step = discrete_step(self.model, *np.split(x, 2), u, self.period)
+        q, v = np.split(x, 2)
+        step = discrete_step(self.model, q, v, u, self.period)
         return [step.A, step.B] if self.jacobians else [np.concatenate((step.q, step.v))]
 
     def has_jacobian(self):
@@ -55,11 +56,11 @@ gradient = casadi.Function("gradient", [U], [casadi.gradient(cost, U)])
 inputs = np.random.default_rng(0).uniform(model.u_min, model.u_max, (N, model.nu))
 found = np.array(gradient(inputs.T)).T
 
-x, steps = np.zeros(2 * model.nv), []
+q, v, steps = model.q0, np.zeros(model.nv), []
 for u in inputs:
-    steps.append(discrete_step(model, *np.split(x, 2), u, T))
-    x = np.concatenate((steps[-1].q, steps[-1].v))
-s, expected = 2 * (x - 0.1), []
+    steps.append(discrete_step(model, q, v, u, T))
+    q, v = steps[-1].q, steps[-1].v
+s, expected = 2 * (np.concatenate((q, v)) - 0.1), []
 for one in reversed(steps):
     expected.append(one.B.T @ s)
     s = one.A.T @ s

@@ -39,7 +39,7 @@ class Step(crocoddyl.ActionModelAbstract):
 
 
 model = softdyn.load("finger")
-goal = statics.inputs_for_tip(model, [0.127, 0, -0.127]).nearest
+goal = statics.inputs_for_tip(model, np.array([0.127, 0.0, -0.127])).nearest
 run, end = Step(model, goal, 0.01), Step(model, goal, 0.01, (1e4, 1.0, 1e-2))
 x0 = np.zeros(2 * model.nv)
 solver = crocoddyl.SolverFDDP(crocoddyl.ShootingProblem(x0, [run] * 100, end))

@@ -18,7 +18,8 @@ n, m = 2 * model.nv, model.nu
 
 def solved(x, u):
     """x⁺, A and B of one period in NumPy."""
-    step = discrete_step(model, *np.split(np.asarray(x), 2), np.asarray(u), T)
+    q, v = np.split(np.asarray(x), 2)
+    step = discrete_step(model, q, v, np.asarray(u), T)
     return np.concatenate((step.q, step.v)), step.A, step.B
 
 

@@ -13,7 +13,7 @@ from softdyn.validation import paper, simulate
 
 PERIOD, STEPS = 0.01, 20  # s
 model, target = softdyn.load("finger"), paper.set_point("finger", theta=0.5)
-goal = statics.inputs_for_tip(model, target.reference.y).nearest  # an equilibrium at the target
+goal = statics.inputs_for_tip(model, target.reference(0.0).y).nearest  # an equilibrium there
 n, m, J = model.nv, model.nu, goal.state.J
 step = discrete_step(model, goal.q, np.zeros(n), goal.u, PERIOD, stops=False)
 

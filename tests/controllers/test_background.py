@@ -111,6 +111,15 @@ def bent() -> np.ndarray:
     return found[0].q
 
 
+def test_a_target_with_all_joints_at_their_stops_is_found():
+    """Such an equilibrium has no pole."""
+    model = load("finger")
+    curled = statics.settle(model, [-0.3, -0.3])
+    assert curled.held.all()
+    found = rest_target.targets_of(model, curled.y, (), None, 10.0)
+    assert found[0].distance < 1e-3
+
+
 def calls(controller, model, reference, count: int) -> list:
     """The commands of an own loop in which the robot does not move; the finger is 0.15 rad in all
     joints from the shape that holds the goal.
