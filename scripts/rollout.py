@@ -33,6 +33,7 @@ exit codes: 0 done; 1 a motion diverged; 2 bad input.
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
 cli.add_robot_options(parser)
+cli.add_force_options(parser)
 given = parser.add_mutually_exclusive_group()
 given.add_argument("--u", type=cli.finite, nargs="+", metavar="U", help="constant inputs")
 given.add_argument("--inputs", metavar="FILE", nargs="+", help="inputs or commands over time, CSV")
