@@ -42,6 +42,7 @@ parser.option(
     "--period", cli.positive, "S", "control period of the gains or your class in s", 0.002
 )
 cli.add_robot_options(parser)
+cli.add_force_options(parser)
 cli.add_json(parser)
 parser.unused(
     "--period", lambda a: not (a.gains or OWN in a.robot), "only --gains and a class have one"

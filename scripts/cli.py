@@ -222,6 +222,42 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
     add_repair_option(parser)
 
 
+def add_force_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of forces of a user's own, which `load_robot` gives to the robot."""
+    parser.add_argument(
+        "--force", action="append", metavar="FILE.py:CLASS", default=[],
+        help="a force of your own that acts on the robot, built as CLASS(); may be repeated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--force-set",
+        action="append",
+        metavar="NAME.FIELD=X",
+        default=[],
+        help="a number of a force, by its name; may be repeated",
+    )
+
+
+def make_forces(arguments: Arguments) -> list[Any]:
+    """The forces of a command line.
+
+    Raises
+    ------
+    InputError
+        A class that cannot be made, and a number of a force or a field that is not there.
+    """
+    from softdyn.controllers.registry import find_controller, one_line_errors
+    from softdyn.dynamics.forces import check_forces, with_field
+
+    found = []
+    for name in getattr(arguments, "force", ()):
+        with one_line_errors(name, "a force"):
+            found.append(find_controller(name)())
+    found = [*check_forces(found)]
+    for word in getattr(arguments, "force_set", ()):
+        found = with_field(found, word)
+    return found
+
+
 def add_repair_option(parser: argparse.ArgumentParser) -> None:
     """Add --repair-inertia, for a URDF's links."""
     parser.add_argument(
@@ -258,6 +294,7 @@ def load_robot(arguments: Arguments) -> SoftModel:
         annotations=arguments.annotations,
         floating=arguments.floating,
         repair_inertia=arguments.repair_inertia,
+        forces=make_forces(arguments),
     )
     warn_of_no_use(model.robot, arguments)
     return model

@@ -22,6 +22,7 @@ exit codes: 0 everything agrees; 1 something differs; 2 bad input.
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
 cli.add_robot_options(parser)
+cli.add_force_options(parser)
 parser.add_argument("--states-only", action="store_true", help="random states, and no trajectories")
 parser.option("--samples", cli.count, "N", "random states", 20)
 parser.option("--seed", cli.whole, "S", "seed of the random states", 0)

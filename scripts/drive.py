@@ -58,6 +58,7 @@ PORT = 7600
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
 cli.add_robot_options(parser)
+cli.add_force_options(parser)
 parser.add_argument("controller", metavar="CONTROLLER", nargs="?")
 parser.add_argument("--driver", metavar="FILE.py:CLASS", help="the driver of your rig")
 goal = parser.add_mutually_exclusive_group()

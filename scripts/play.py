@@ -48,6 +48,7 @@ parser.add_argument(
     help="drag the tip's pose, its position and direction, or the tasks of the robot's file",
 )  # fmt: skip
 cli.add_robot_options(parser)
+cli.add_force_options(parser)
 cli.add_server_options(parser)
 
 

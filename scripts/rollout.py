@@ -35,6 +35,7 @@ exit codes: 0 done; 1 a motion diverged, or a file had no room; 2 bad input.
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
 cli.add_robot_options(parser)
+cli.add_force_options(parser)
 given = parser.add_mutually_exclusive_group()
 given.add_argument("--u", type=cli.finite, nargs="+", metavar="U", help="constant inputs")
 given.add_argument("--inputs", metavar="FILE", nargs="+", help="inputs or commands over time, CSV")

@@ -102,6 +102,7 @@ TRANSIENT = 1.0  # s; a shorter run may not have had the time to reach its targe
 parser = cli.Parser(__doc__, EPILOG)
 robot = parser.add_argument("robot", metavar="ROBOT")
 cli.add_robot_options(parser)
+cli.add_force_options(parser)
 law = parser.add_argument("controller", metavar="CONTROLLER")
 goal = parser.add_mutually_exclusive_group(required=True)
 goal.add_argument("--theta", type=cli.finite, metavar="T", help="set point at T pi, 10 s")

@@ -40,6 +40,7 @@ TARGETS = 4  # number of targets of a robot without published ones
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
 cli.add_robot_options(parser)
+cli.add_force_options(parser)
 goal = parser.add_mutually_exclusive_group()
 goal.add_argument("--theta", type=cli.finite, metavar="T", help="the set point at T pi")
 goal.add_argument(

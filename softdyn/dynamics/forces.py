@@ -23,7 +23,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from softdyn.checks import array, instances
+from softdyn.checks import array, did_you_mean, instances, number
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import ForceError, InputError, one_line
 
@@ -232,3 +232,43 @@ def _raised(force: Force, method: str, q: np.ndarray, error: Exception) -> Force
     if "read-only" in got:
         return ForceError(force, method, q, "no change of q and v, which are read-only", got)
     return ForceError(force, method, q, "no error", one_line(got))
+
+
+def with_field(forces: Sequence[Any], word: str) -> list[Any]:
+    """Forces with one number changed, by words such as ``drag.size=3``.
+
+    Raises
+    ------
+    InputError
+        For words of another form, a name that no force has, and a field that is no number.
+    """
+    place, equal, text = word.partition("=")
+    name, dot, field = place.rpartition(".")
+    names = [force.name for force in forces]
+    if not equal or not dot:
+        raise InputError("force", "NAME.FIELD=X", repr(word))
+    if name not in names:
+        expected = ", ".join(names) or "a force"
+        raise InputError(f"force {name!r}", expected, did_you_mean(name, names))
+    old = forces[names.index(name)]
+    known = [key for key in dir(old) if _is_number(old, key)]
+    if field not in known:
+        expected = f"a number of it, {', '.join(known) or 'which has none'}"
+        raise InputError(f"force {name!r}", expected, did_you_mean(field, known))
+    try:
+        value = float(text)
+    except ValueError:
+        raise InputError(place, "a number", repr(text)) from None
+    changed = copy.deepcopy(old)
+    object.__setattr__(changed, field, number(place, value))
+    return [changed if force is old else force for force in forces]
+
+
+def numbers_of(force: Any) -> dict[str, float]:
+    """The numbers among the fields of a force that are its own, by their names."""
+    return {name: getattr(force, name) for name in vars(force) if _is_number(force, name)}
+
+
+def _is_number(force: Any, name: str) -> bool:
+    value = getattr(force, name, None)
+    return not name.startswith("_") and isinstance(value, int | float) and value is not bool(value)

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from softdyn import InputError, SoftModel
-from softdyn.description.robot import EARTH
+from softdyn.description.robot import EARTH, Robot
 from softdyn.dynamics.reduced import Basis, ReducedModel, reduce
 from softdyn.loading import load_text
 
 OPTIONAL = ("basis", "gravity")  # fields that logs of most robots do not have
+
+
+def without_forces(robot: Robot) -> Robot:
+    """A robot without forces of one's own."""
+    return replace(robot, forces=()) if robot.forces else robot
 
 
 @dataclass(frozen=True)
@@ -31,7 +36,8 @@ class LoggedRobot:
     bundled : str or None
         Its name, if it was a bundled robot's own file.
     digest : str
-        SHA-256 of everything on which the dynamics depend.
+        SHA-256 of everything on which the dynamics depend but forces of one's own, which the
+        record of the run states.
     basis : dict, optional
         The fields of the `Basis` of a reduced model, with its matrix as rows.
     gravity : tuple of float, (3,), optional
@@ -55,8 +61,9 @@ class LoggedRobot:
         basis, inner = None, model
         if isinstance(model, ReducedModel):
             basis, inner = vars(model.basis) | {"matrix": model.basis.matrix.tolist()}, model.full
+        digest = without_forces(robot).digest
         return cls(
-            path, robot.text, robot.annotations, robot.floating, inner.bundled, robot.digest, basis,
+            path, robot.text, robot.annotations, robot.floating, inner.bundled, digest, basis,
             None if robot.gravity == EARTH else robot.gravity,
         )  # fmt: skip
 
@@ -95,7 +102,7 @@ class LoggedRobot:
         InputError
             The model is of another robot; the error names both.
         """
-        if model.robot.digest != self.digest:
+        if without_forces(model.robot).digest != self.digest:
             raise InputError(
                 name,
                 f"the robot of the log, {self.path} ({self.digest[:12]})",

@@ -25,6 +25,7 @@ from softdyn import (
     SoftModel,
     actuation,
     controllers,
+    dynamics,
     estimation,
     references,
     safety,
@@ -39,7 +40,7 @@ from softdyn.validation.loop.provenance import file_of, modules_of
 from softdyn.validation.loop.settings import RunOptions
 from softdyn.validation.twin.rig import rig_of
 
-ROOMS = (references, controllers, tasks, safety, estimation, sensing, actuation)
+ROOMS = (references, controllers, tasks, safety, estimation, sensing, actuation, dynamics)
 OTHERS: dict[str, Callable[..., Any]] = {
     "softdyn.tasks.recorded_targets": recorded_targets, "softdyn.validation.Experiment": Experiment,
 }  # fmt: skip

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, SoftModel
+from softdyn.dynamics.forces import numbers_of
 from softdyn.dynamics.reduced import rebuild
 from softdyn.formats import KEY, RECORD, check_format
 from softdyn.validation.loop.arguments import nowhere
@@ -28,13 +29,13 @@ from softdyn.validation.loop.provenance import (
     surroundings,
     written,
 )
-from softdyn.validation.loop.recipe import RIG, ROBOT, Remaking, Statement
+from softdyn.validation.loop.recipe import RIG, ROBOT, NotRecorded, Remaking, Statement
 from softdyn.validation.loop.settings import RunOptions, declarations
 from softdyn.validation.twin.rig import rig_of
 
 TIMES = ("step_us", "clock", "stamps", "missed")  # channels that no run repeats
 OF_LOG = ("versions", "gains")  # what a log states beside its record
-ROBOT_KEYS = ("name", "file", "digest")
+ROBOT_KEYS = ("name", "file", "digest", "forces")
 PARTS = ("settings", "controller", "reference")  # of a record, of which the run is made again
 
 
@@ -69,7 +70,10 @@ def record_of(
         "reference": None if reference is nowhere else statement.of(reference),
         "robot": dict(zip(ROBOT_KEYS, (
             model.bundled or model.name, None if model.bundled else file_of(robot.path),
-            robot.digest,
+            robot.digest, [
+                {"force": statement.of(force), "numbers": statement.of(numbers_of(force))}
+                for force in robot.forces
+            ],
         ), strict=True)),
         "used": {
             "motors": [_plain(one, statement) for one in used.actuators] if rig or real else None,
@@ -150,6 +154,7 @@ def experiment_of(
     model = source.model()
     models, settings = {ROBOT: model}, record["settings"]
     remaking = Remaking(models, partial(found_file, folder=folder))
+    model = models[ROBOT] = model.with_forces(*_forces(record, remaking))
     rig = rig_of(RunOptions.of({"rig": remaking.of(settings["rig"])}).rig)
     models[RIG] = model if rig is None else rebuild(model, rig.robot(model.robot))
     made = {name: remaking.of(value) for name, value in settings.items() if value is not None}
@@ -157,6 +162,23 @@ def experiment_of(
         "model": model, "controller": remaking.of(record["controller"]),
         "reference": remaking.of(record["reference"]), **made,
     }, remaking.assumed  # fmt: skip
+
+
+def _forces(record: Mapping[str, Any], remaking: Remaking) -> Iterator[Any]:
+    """The forces of one's own that acted on the robot of a record.
+
+    Raises
+    ------
+    InputError
+        One that the record cannot make again.
+    """
+    for k, said in enumerate(record.get("robot", {}).get("forces", ())):
+        force = remaking.of(said["force"])
+        if isinstance(force, NotRecorded):
+            raise InputError(f"forces[{k}]", "a force that can be made again", repr(force))
+        for name, value in remaking.of(said["numbers"]).items():
+            object.__setattr__(force, name, value)
+        yield force
 
 
 def found_file(file: Mapping[str, Any], folder: str | Path | None = None) -> str:
@@ -193,7 +215,9 @@ def changed_files(record: Mapping[str, Any], folder: str | Path | None = None) -
 
 def lost_parts(record: Mapping[str, Any]) -> list[str]:
     """The parts of a run that its record cannot make again, by their places."""
-    return [f"{place} ({name})" for part in PARTS for place, name in _lost(part, record.get(part))]
+    parts = [(part, record.get(part)) for part in PARTS]
+    parts.append(("forces", (record.get("robot") or {}).get("forces", [])))
+    return [f"{place} ({name})" for part, said in parts for place, name in _lost(part, said)]
 
 
 def _lost(place: str, value: Any) -> Iterator[tuple[str, str]]:
@@ -294,6 +318,9 @@ def differences(before: LogData, after: LogData) -> Iterator[str]:
                 pair = [usual if one is None else one for one in pair]
                 yield f"{name} {'none → given' if pair[0] is usual else 'given → none'}"
             yield from _differing(name, *pair)
+        yield from _differing("forces", *(
+            (one.get("robot") or {}).get("forces", []) for one in (first, second)
+        ))  # fmt: skip
         for part in PARTS[1:]:
             yield from _differing(part, first.get(part), second.get(part))
 

@@ -424,6 +424,7 @@ def tree_of(robot: Robot) -> Tree:
 def lost(robot: Robot) -> list[str]:
     """The properties of the URDF that the MJCF does not state."""
     notes = [*visuals(robot)[1], *tree_of(robot).skipped, *lost_rig(robot)]
+    notes += [f"the force {force.name!r} of your own" for force in robot.forces]
     for part in from_urdf(robot).parts:
         moments = np.linalg.eigvalsh(part.inertia.tensor)
         excess = moments[2] - moments[1] - moments[0]
