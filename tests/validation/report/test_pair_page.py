@@ -203,13 +203,16 @@ def test_a_changed_cable_has_a_colour(arm, tmp_path):
         assert marked == {tendon.get("name")}
 
 
-def test_a_changed_damping_colours_the_skin_of_its_link(arm, tmp_path):
+@pytest.mark.parametrize("number", [2, 3])
+def test_a_changed_damping_colours_the_skin_of_the_link_that_its_joint_moves(arm, tmp_path, number):
+    """The first of two joints between two segments ends at a link without a shape."""
     root, other = etree.fromstring(arm.read_bytes()), tmp_path / "other.urdf"
-    damped = root.findall("joint/dynamics")[3]
+    dynamics = root.findall("joint/dynamics")
+    damped, last = dynamics[number], dynamics[3]
     damped.set("damping", str(2 * float(damped.get("damping"))))
     other.write_bytes(etree.tostring(root))
     sides = Side(arm), Side(other)
-    joint = damped.getparent().get("name")
+    joint = last.getparent().get("name")
     (changed,) = [part.link for part in sides[0].neutral.parts if part.name == joint]
     for figure in page_of(arm, other).figures:
         data = figure.data
