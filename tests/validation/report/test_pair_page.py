@@ -222,6 +222,20 @@ def test_a_changed_damping_colours_the_skin_of_the_link_that_its_joint_moves(arm
         assert figure.figure.links.index(changed) in marked
 
 
+@pytest.mark.parametrize("tendon", ["near", "other"])
+def test_an_actuator_of_another_name_marks_both_robots(tmp_path, tendon):
+    """Its tendon is a sum of joints, so that the links which these move have the colour."""
+    body = ('<mujoco><worldbody><body><joint name="j" type="hinge" axis="0 1 0"/>'
+            '<geom size="0.1" pos="0.2 0 0" mass="1"/></body></worldbody><tendon><fixed name="{}">'
+            '<joint joint="j" coef="0.1"/></fixed></tendon><actuator><motor name="{}" tendon="{}" '
+            'gear="{}" ctrlrange="-1 1"/></actuator></mujoco>')  # fmt: skip
+    files = tmp_path / "a.xml", tmp_path / "b.xml"
+    files[0].write_text(body.format("near", "pull", "near", 1))
+    files[1].write_text(body.format(tendon, f"{tendon}_motor", tendon, -1))
+    for figure in page_of(*files).figures:
+        assert VALUES in colours(figure.data)
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_cables_run_around_round_bodies_and_not_through_their_axes(tmp_path, seed):
     """Sites and centres of an MJCF's cables stand where MuJoCo has them."""
