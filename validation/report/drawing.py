@@ -73,9 +73,11 @@ class ModelDrawing:
     ) -> ModelDrawing:
         """The drawing with the given colours of its parts and cables."""
         part = {part.link: k for k, part in enumerate(self.robot.parts)}
+        on = [part.get(self.carrier[shape.link], WORLD) for shape in self.figure.shapes]
+        seen = _seen(self.robot, colours, frozenset(on))
         shapes = tuple(
-            replace(shape, rgba=colours.get(part.get(self.carrier[shape.link], WORLD), other))
-            for shape in self.figure.shapes
+            replace(shape, rgba=seen.get(k, other))
+            for k, shape in zip(on, self.figure.shapes, strict=True)
         )
         return replace(self, figure=replace(self.figure, shapes=shapes), colours=cables)
 
@@ -154,8 +156,9 @@ class RobotDrawing:
         self, colours: Mapping[int, Rgba], other: Rgba, cables: Mapping[str, Rgba]
     ) -> RobotDrawing:
         """The drawing with the given colours of its parts and cables."""
+        seen = _seen(self.robot, colours, frozenset(part for part, _ in self.shapes))
         shapes = tuple(
-            (part, replace(shape, rgba=colours.get(part, other))) for part, shape in self.shapes
+            (part, replace(shape, rgba=seen.get(part, other))) for part, shape in self.shapes
         )
         return replace(self, shapes=shapes, colours=cables)
 
@@ -264,6 +267,16 @@ class RobotDrawing:
                     "sites": [[link[part], *xyz.tolist()] for part, xyz in on],
                     "wraps": [wrap_data(wrap, numbers) for wrap in placed],
                 }  # fmt: skip
+
+
+def _seen(robot: Neutral, colours: Mapping[int, Rgba], shown: frozenset[int]) -> dict[int, Rgba]:
+    """The colours of parts; a part without a shape gives its own to the next ones that it moves."""
+    found: dict[int, Rgba] = {}
+    for k, part in enumerate(robot.parts):  # parents first
+        above = None if part.parent in shown else found.get(part.parent)
+        if (colour := colours.get(k, above)) is not None:
+            found[k] = colour
+    return found | ({WORLD: colours[WORLD]} if WORLD in colours else {})
 
 
 def _strands(path: Sequence[Point]) -> Iterator[tuple[list[Point], list[Wrap]]]:

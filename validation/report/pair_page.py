@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -53,8 +53,9 @@ def pair_page(one: Side, other: Side, found: Comparison) -> Page:
             colours[0][k] = colour
             if there is not None:
                 colours[1][there] = colour
-        for drawing, parts, ropes in zip(plain, colours, cables, strict=True):
-            for tendon in _tendons(drawing.robot, cause):
+        tendons = _tendons([drawing.robot for drawing in plain], names, cause)
+        for drawing, parts, ropes, own in zip(plain, colours, cables, tendons, strict=True):
+            for tendon in own:
                 if tendon.name in drawing.drawn:
                     ropes[tendon.name] = colour
                 else:  # a sum of joints without a path
@@ -115,18 +116,29 @@ def _parts(robot: Neutral, cause: Cause) -> Iterator[int]:
         yield robot.frames[where].part
 
 
-def _tendons(robot: Neutral, cause: Cause) -> list[NeutralTendon]:
-    """The tendons that a cause concerns; the other file may have them under like names."""
+def _tendons(
+    robots: Sequence[Neutral], joints: Mapping[str, str], cause: Cause
+) -> list[list[NeutralTendon]]:
+    """The tendons of each robot that a cause concerns, by their names or sums of joints.
+
+    `joints` maps the joints of the first robot to those of the second one.
+    """
     if cause.kind not in ("tendon", "actuator", "armature", "friction"):
-        return []
+        return [[] for _ in robots]
     names = {plain_name(cause.where)}
     if cause.kind == "actuator":
         names = {
             plain_name(motor.target.removeprefix("tendon:"))
+            for robot in robots
             for motor in robot.motors
             if plain_name(motor.name) in names and motor.target.startswith("tendon:")
         }
-    return [cable for cable in robot.cables if plain_name(cable.name) in names]
+    found = [[cable for cable in robot.cables if plain_name(cable.name) in names]
+             for robot in robots]  # fmt: skip
+    sums = [{joints.get(name, name): c for name, c in cable.terms.items()} for cable in found[0]]
+    if not found[1]:
+        found[1] = [cable for cable in robots[1].cables if cable.terms and cable.terms in sums]
+    return found
 
 
 def _states(worst: tuple[Worst, ...]) -> list[tuple[str, dict[str, list[float]]]]:

@@ -203,13 +203,16 @@ def test_a_changed_cable_has_a_colour(arm, tmp_path):
         assert marked == {tendon.get("name")}
 
 
-def test_a_changed_damping_colours_the_skin_of_its_link(arm, tmp_path):
+@pytest.mark.parametrize("number", [2, 3])
+def test_a_changed_damping_colours_the_skin_of_the_link_that_its_joint_moves(arm, tmp_path, number):
+    """The first of two joints between two segments ends at a link without a shape."""
     root, other = etree.fromstring(arm.read_bytes()), tmp_path / "other.urdf"
-    damped = root.findall("joint/dynamics")[3]
+    dynamics = root.findall("joint/dynamics")
+    damped, last = dynamics[number], dynamics[3]
     damped.set("damping", str(2 * float(damped.get("damping"))))
     other.write_bytes(etree.tostring(root))
     sides = Side(arm), Side(other)
-    joint = damped.getparent().get("name")
+    joint = last.getparent().get("name")
     (changed,) = [part.link for part in sides[0].neutral.parts if part.name == joint]
     for figure in page_of(arm, other).figures:
         data = figure.data
@@ -217,6 +220,20 @@ def test_a_changed_damping_colours_the_skin_of_its_link(arm, tmp_path):
         marked = {ring["link"] for ring in rings if tuple(ring["rgba"]) == VALUES}
         marked |= colours(data).get(VALUES, set())
         assert figure.figure.links.index(changed) in marked
+
+
+@pytest.mark.parametrize("tendon", ["near", "other"])
+def test_an_actuator_of_another_name_marks_both_robots(tmp_path, tendon):
+    """Its tendon is a sum of joints, so that the links which these move have the colour."""
+    body = ('<mujoco><worldbody><body><joint name="j" type="hinge" axis="0 1 0"/>'
+            '<geom size="0.1" pos="0.2 0 0" mass="1"/></body></worldbody><tendon><fixed name="{}">'
+            '<joint joint="j" coef="0.1"/></fixed></tendon><actuator><motor name="{}" tendon="{}" '
+            'gear="{}" ctrlrange="-1 1"/></actuator></mujoco>')  # fmt: skip
+    files = tmp_path / "a.xml", tmp_path / "b.xml"
+    files[0].write_text(body.format("near", "pull", "near", 1))
+    files[1].write_text(body.format(tendon, f"{tendon}_motor", tendon, -1))
+    for figure in page_of(*files).figures:
+        assert VALUES in colours(figure.data)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
