@@ -134,7 +134,7 @@ def command(arguments: cli.Arguments) -> int:
     made, model = robot_of(arguments)
     chosen = arguments.free or (), arguments.shared
     if arguments.twin is not None:
-        return of_twin(arguments, model, identification.unknowns_of(model, *chosen))
+        return of_twin(arguments, model, identification.choose_unknowns(model, *chosen))
     how = {"static": arguments.static, "outputs": arguments.outputs}
     raw = identification.read_csv(arguments.data, model, **how)
     given, fitted = camera_of(arguments)
@@ -142,7 +142,7 @@ def command(arguments: cli.Arguments) -> int:
         model, raw, static=arguments.static, camera=given, fit_camera=fitted,
         relabel=arguments.relabel,
     )  # fmt: skip
-    unknowns = made.unknowns(*chosen) if made else identification.unknowns_of(model, *chosen)
+    unknowns = made.unknowns(*chosen) if made else identification.choose_unknowns(model, *chosen)
     if fitted and acquisition.view is not None:
         unknowns += identification.camera_unknowns(acquisition.view.camera)
     options: dict[str, Any] = {
@@ -163,8 +163,8 @@ def command(arguments: cli.Arguments) -> int:
     results = cli.Results()
     if arguments.out:
         text = (
-            made.rewritten(values.get("design", {})) if made
-            else identification.rewritten(model.robot, values)
+            made.rewrite(values.get("design", {})) if made
+            else identification.rewrite_urdf(model.robot, values)
         )  # fmt: skip
         results.save(lambda path: write_text(path, text), arguments.out)
     if arguments.html:

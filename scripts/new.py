@@ -82,7 +82,7 @@ def converge(arguments: cli.Arguments) -> int:
 
     if arguments.out is not None:
         raise InputError("--out", "none: --converge writes no file", arguments.out)
-    arm = design.arm_of(cli.read_toml(arguments.file), arguments.file)
+    arm = design.make_arm(cli.read_toml(arguments.file), arguments.file)
     counts, tolerance = arguments.segments or SEGMENTS, arguments.tolerance or TOLERANCE
     found = convergence.converge(arm, counts, tolerance)
     report = {"file": arguments.file, "name": arm.name, **found.to_dict()}

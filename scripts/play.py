@@ -100,14 +100,14 @@ def make_session(arguments: cli.Arguments) -> Any:
 
 def tasks_for(model: Any, which: str | None) -> Any:
     """The tasks to drag; the tip's position alone needs none."""
-    from softdyn.tasks import PoseTask, direction_tasks, tasks_of
+    from softdyn.tasks import PoseTask, direction_tasks, make_tasks
 
     if which == "pose":  # the robot's length counts as much as 1 rad
         weight = [1.0] * 3 + [model.robot.length**2] * 3
         return [PoseTask(model.robot.task, weight=weight)]
     if which == "axis":
         return direction_tasks(model)
-    return tasks_of(model) if which == "file" else ()
+    return make_tasks(model) if which == "file" else ()
 
 
 def controllers_of(arguments: cli.Arguments, first: str, around: Any = None) -> dict[str, Any]:

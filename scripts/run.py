@@ -363,10 +363,10 @@ def goal_of(model: SoftModel, arguments: cli.Arguments) -> tuple[Experiment, dic
         ), more
     if arguments.targets is not None:
         from softdyn.exceptions import errors_in
-        from softdyn.tasks import tasks_of
+        from softdyn.tasks import make_tasks
         from softdyn.tasks.marks import recorded_targets
 
-        more["tasks"] = tasks_of(model)
+        more["tasks"] = make_tasks(model)
         reference = recorded_targets(arguments.targets, more["tasks"])
         times = sorted({t for path in reference.motions.values() for t in path.times.tolist()})
         for t, name in ((t, name) for t in times for name in reference.motions):
@@ -453,7 +453,7 @@ def nearest_to_tasks(
     import numpy as np
 
     from softdyn import SoftdynError, statics
-    from softdyn.tasks import errors_along
+    from softdyn.tasks import compute_errors
     from softdyn.validation.loop.metrics import task_figures
     from softdyn.validation.loop.record import tasks_in
     from softdyn.validation.loop.verdict import missed_tasks
@@ -467,7 +467,7 @@ def nearest_to_tasks(
         return f"statics: {error}", None
     rest = found.nearest
     here = SimpleNamespace(t=[end], q=[rest.q], v=[np.zeros(model.nv)])
-    errors = np.hstack([*errors_along(model, tasks, here, loop.reference).values()])
+    errors = np.hstack([*compute_errors(model, tasks, here, loop.reference).values()])
     within = log.verdict(tolerance).tolerance
     each = log.columns("tasks")
     missed = missed_tasks(each, errors.tolist(), within, log.length)

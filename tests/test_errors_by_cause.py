@@ -9,7 +9,7 @@ import softdyn
 from softdyn import FormatError, InputError, NotIdentifiable, OutOfReach, SoftdynError, statics
 from softdyn.exceptions import errors_in
 from softdyn.files import read_toml
-from softdyn.identification import Measurements, identify, unknowns_of
+from softdyn.identification import Measurements, choose_unknowns, identify
 from softdyn.statics import NoEquilibrium, StaticsError
 from softdyn.validation import Log, paper
 from softdyn.validation.files import read_json
@@ -47,7 +47,7 @@ def test_data_that_show_nothing_are_not_identifiable():
     names = tuple(f"q.{name}" for name in model.joint_names)
     data = Measurements(60.0 * np.arange(6), u, names, q)
     with pytest.raises(NotIdentifiable):
-        identify(model, data, unknowns_of(model, shared=("damping",)), step=10.0, hold_out=0.0,
+        identify(model, data, choose_unknowns(model, shared=("damping",)), step=10.0, hold_out=0.0,
                  acquisition=softdyn.identification.problem.Acquisition(static=True))  # fmt: skip
 
 

@@ -145,20 +145,20 @@ IDENTIFICATION = [
     (DATA.part, {"begin": 0, "end": 9}),
     (DATA.joints, {"model": MODEL}),
     (identification.parameters, {"model": MODEL, "kind": "gear", "shared": False}),
-    (identification.unknowns_of, {"model": MODEL, "free": ("gear",), "shared": ("damping",)}),
+    (identification.choose_unknowns, {"model": MODEL, "free": ("gear",), "shared": ("damping",)}),
     (identification.motion_columns,
      {"parameters": UNKNOWNS, "state": MODEL.state(Q, Q), "a": Q, "u": U}),
     (identification.member_values, {"model": MODEL, "unknowns": UNKNOWNS, "theta": np.ones(4)}),
-    (identification.with_values, {"model": MODEL, "unknowns": UNKNOWNS, "theta": np.ones(4)}),
-    (identification.problem_of, FITTED),
+    (identification.apply_values, {"model": MODEL, "unknowns": UNKNOWNS, "theta": np.ones(4)}),
+    (identification.make_problem, FITTED),
     (identification.fit, {"problem": None}),
     (identification.fit_length, {"data": DATA, "hold_out": 0.2}),
     (identification.identify, {**FITTED, "hold_out": 0.2}),
     (identification.least_deviations,
      {**FITTED, "theta": np.ones(4), "noise": np.ones(4), "hold_out": 0.2}),
-    (identification.measured_outputs,
+    (identification.compute_outputs,
      {"model": MODEL, "names": NAMES, "path": ANGLES, "by": np.zeros((30, 4, 0))}),
-    (identification.rewritten, {"robot": MODEL.robot, "values": {}}),
+    (identification.rewrite_urdf, {"robot": MODEL.robot, "values": {}}),
 ]  # fmt: skip
 TWIN = Twin(MODEL)
 STATES = StateMap(MODEL, TWIN)
@@ -209,7 +209,7 @@ def test_the_table_lists_the_public_functions():
         "StuckRest",
         "NoEquilibrium",
     }
-    tested |= {"Design", "FREEDOMS", "Layout", "arm_of", "read"}
+    tested |= {"Design", "FREEDOMS", "Layout", "make_arm", "read"}
     tested |= {
         "Acquisition",
         "Estimate",

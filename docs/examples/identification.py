@@ -7,7 +7,7 @@ with noise. It prints the two factors with their 95 % intervals.
 import numpy as np
 
 import softdyn
-from softdyn.identification import Measurements, identify, unknowns_of
+from softdyn.identification import Measurements, choose_unknowns, identify
 from softdyn.validation import PlantErrors, rollout
 
 model = softdyn.load("finger")
@@ -23,6 +23,6 @@ log = rollout(model, inputs, duration=1.5, plant=other, period=0.02)
 angles = log.q + np.random.default_rng(0).normal(scale=1e-3, size=log.q.shape)  # rad
 u = np.vstack((log.u, log.u[-1:]))
 data = Measurements(log.t, u, tuple(f"q.{name}" for name in model.joint_names), angles)
-found = identify(model, data, unknowns_of(model, shared=("stiffness", "damping")), hold_out=0.0)
+found = identify(model, data, choose_unknowns(model, shared=("stiffness", "damping")), hold_out=0.0)
 for one in found.estimates:
     print(f"{one.parameter.label}: {one.value:.4f} ± {one.half:.4f} of the file's")

@@ -8,7 +8,7 @@ import numpy as np
 import softdyn
 from softdyn import SetPoint, statics
 from softdyn.controllers import Gains, SoftIdClfQp
-from softdyn.tasks import AxisTask, PointTask, References, Target, errors_along
+from softdyn.tasks import AxisTask, PointTask, References, Target, compute_errors
 from softdyn.validation import simulate
 
 model = softdyn.load("helix")
@@ -19,7 +19,7 @@ targets = References({"tip": SetPoint(goal.y), "tip.axis": Target(axis)})
 
 law = SoftIdClfQp(model, Gains(Kp=500.0, w2=0.001, w3=0.001), tasks=tasks)
 log = simulate(model, law, targets, duration=2.0, period=0.0075)
-for name, error in errors_along(model, tasks, log, targets).items():
+for name, error in compute_errors(model, tasks, log, targets).items():
     first, last = np.linalg.norm(error[0]), np.linalg.norm(error[-1])
     print(f"{name}: {first:.4f} -> {last:.4f} {'rad' if 'axis' in name else 'm'}")
 log.plot("two_tasks.png")

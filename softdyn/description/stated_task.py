@@ -30,7 +30,7 @@ class TaskKind(Enum):
 
 @dataclass(frozen=True)
 class StatedTask:
-    """A task of a link's frame; see `softdyn.tasks.tasks_of`.
+    """A task of a link's frame; see `softdyn.tasks.make_tasks`.
 
     Attributes
     ----------

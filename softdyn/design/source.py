@@ -71,10 +71,10 @@ def read(values: Mapping[str, Any], file: str = "table") -> Design:
         near = [one for one in said if one.endswith("?")]
         expected = f"[[section]] or [{'] or ['.join(PRESETS)}]"
         raise InputError(file, expected, ", ".join(near or values) or "nothing")
-    return design(arm_of(values, file))
+    return design(make_arm(values, file))
 
 
-def arm_of(values: Mapping[str, Any], file: str = "table") -> Arm:
+def make_arm(values: Mapping[str, Any], file: str = "table") -> Arm:
     """The arm of sections that a table describes; see `read`."""
     table = TomlTable(values, file)
     arm = read_arm(table)

@@ -6,7 +6,7 @@
     found = identification.identify(model, data, identification.parameters(model, "stiffness"))
     print(found)
 
-`identify` has three steps: `problem_of` finds the stretches of data away from stops, `fit` fits
+`identify` has three steps: `make_problem` finds the stretches of data away from stops, `fit` fits
 them, and the residuals give the intervals.
 
 - `data`: measurements from arrays or a CSV file, and the samples that a stop disturbs;
@@ -43,20 +43,20 @@ from softdyn.identification.markers.points import read_points as read_points
 from softdyn.identification.output_error import fit as fit
 from softdyn.identification.output_error import identify as identify
 from softdyn.identification.output_error import least_deviations as least_deviations
-from softdyn.identification.output_error import problem_of as problem_of
+from softdyn.identification.output_error import make_problem as make_problem
 from softdyn.identification.output_error import tested as tested
-from softdyn.identification.outputs import measured_outputs as measured_outputs
+from softdyn.identification.outputs import compute_outputs as compute_outputs
 from softdyn.identification.parameters import Parameter as Parameter
+from softdyn.identification.parameters import apply_values as apply_values
 from softdyn.identification.parameters import camera_unknowns as camera_unknowns
+from softdyn.identification.parameters import choose_unknowns as choose_unknowns
 from softdyn.identification.parameters import member_values as member_values
 from softdyn.identification.parameters import motion_columns as motion_columns
 from softdyn.identification.parameters import parameters as parameters
-from softdyn.identification.parameters import unknowns_of as unknowns_of
-from softdyn.identification.parameters import with_values as with_values
 from softdyn.identification.problem import Acquisition as Acquisition
 from softdyn.identification.problem import Fit as Fit
 from softdyn.identification.problem import FitProblem as FitProblem
 from softdyn.identification.result import Estimate as Estimate
 from softdyn.identification.result import Identified as Identified
-from softdyn.identification.rewrite import rewritten as rewritten
+from softdyn.identification.rewrite import rewrite_urdf as rewrite_urdf
 from softdyn.identification.unknowns.kinds import KINDS as KINDS

@@ -13,7 +13,7 @@ from softdyn.identification.data import Measurements, check_data, gaps
 from softdyn.identification.markers.camera import FEWEST_POINTS, MarkerView, kabsch, seen_at
 from softdyn.identification.markers.labels import followed, match, ordered
 from softdyn.identification.markers.mistakes import check_frame, check_size, exchanged
-from softdyn.identification.outputs import measured_outputs
+from softdyn.identification.outputs import compute_outputs
 from softdyn.identification.problem import Acquisition
 from softdyn.identification.rests import Inputs, rests
 from softdyn.identification.result import Identified
@@ -113,7 +113,7 @@ def _points(model: SoftModel, data: Measurements, acquisition: Acquisition) -> n
     inputs = Inputs(u, np.zeros(model.nu), data.direction, guesses=acquisition.guesses)
     path, by = rests(model, (), inputs, Around(model))
     assert acquisition.view is not None
-    return acquisition.view.points(measured_outputs(model, data.names, path, by)[0])
+    return acquisition.view.points(compute_outputs(model, data.names, path, by)[0])
 
 
 def _named(

@@ -22,7 +22,7 @@ from softdyn.description.urdf_writer import write
 from softdyn.design import arm_file
 from softdyn.design.arm_table import read_arm
 from softdyn.design.layout import Layout, lay_out
-from softdyn.design.source import arm_of, read
+from softdyn.design.source import make_arm, read
 from softdyn.dynamics.mimic import build
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError, errors_in
@@ -101,7 +101,7 @@ class DesignFile:
         self.points = None if points is None else as_path("points", points)
         self.table = read_toml(self.path)
         if "section" in self.table:
-            arm_of(self.table, str(self.path))  # refuses numbers that no soft arm has
+            make_arm(self.table, str(self.path))  # refuses numbers that no soft arm has
         if self.points is not None:
             read_points(self.points)
             self.table |= read_toml(self.points)
@@ -202,7 +202,7 @@ class DesignFile:
         self._set(table, values)
         return table
 
-    def rewritten(self, values: Mapping[str, float]) -> str:
+    def rewrite(self, values: Mapping[str, float]) -> str:
         """The file's text with other values (SI), by label; comments and the layout stay.
 
         Places of markers are left out.

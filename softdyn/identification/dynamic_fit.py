@@ -24,7 +24,7 @@ from softdyn.identification.intervals import (
 )
 from softdyn.identification.linear import first_guess, near_file, smoothed
 from softdyn.identification.outputs import of_sensors
-from softdyn.identification.parameters import Parameter, with_values
+from softdyn.identification.parameters import Parameter, apply_values
 from softdyn.identification.problem import PLAIN, Acquisition, Fit, FitProblem, Run, Simulated
 from softdyn.identification.rests import Inputs, rests
 from softdyn.identification.trajectory import Driven, Start, TrajectoryError, follow
@@ -185,7 +185,7 @@ class DynamicFit(FitProblem):
 
     def first_stop(self, theta: np.ndarray) -> int:
         """The first sample at which a joint of the run from rest is at a stop, or the run's end."""
-        model = with_values(self.base, self.unknowns, theta)
+        model = apply_values(self.base, self.unknowns, theta)
         end, none = self.runs[0][1], np.zeros((model.nv, 0))
         t, u = self.data.t[:end], self.data.u[:end]
         around = Around(self.base)
@@ -313,7 +313,7 @@ class DynamicFit(FitProblem):
             end = whole.first_stop(theta)
             out = whole.outputs(theta, whole.firsts())[0]
             return (data.outputs - out)[split:end]
-        changed = with_values(self.base, self.unknowns, theta)
+        changed = apply_values(self.base, self.unknowns, theta)
         try:
             rest = DynamicFit.of(
                 changed, data.part(split, len(data.t)), (), self.step, self.seen(theta)

@@ -22,7 +22,7 @@ from softdyn.identification.intervals import (
     unidentifiable,
     widening,
 )
-from softdyn.identification.parameters import Parameter, distinct, with_values
+from softdyn.identification.parameters import Parameter, apply_values, distinct
 from softdyn.identification.problem import PLAIN, Acquisition, Fit, FitProblem, idle
 from softdyn.identification.result import Estimate, Identified, distance, rms
 from softdyn.identification.static_fit import StaticFit
@@ -120,7 +120,7 @@ def identify(
     if left_out.size:
         missed = problem.held_out(found, data, left_out)
     return Identified(
-        with_values(model, problem.unknowns, theta), estimates, problem.data, residuals,
+        apply_values(model, problem.unknowns, theta), estimates, problem.data, residuals,
         np.where(samples > 0, noise, np.nan), correlation,
         float(chi2.sf(statistic, degrees)),
         rms(missed / noise), distance(data.names, missed), found.unidentifiable,
@@ -143,7 +143,7 @@ def tested(found: Identified, test: Measurements) -> Identified:
     )
 
 
-def problem_of(
+def make_problem(
     model: SoftModel,
     data: Measurements,
     unknowns: tuple[Parameter, ...],

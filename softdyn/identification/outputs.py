@@ -26,7 +26,7 @@ def of_sensors(robot: Robot, names: Sequence[str], weights: np.ndarray) -> np.nd
     return np.array([found.get(name, 0.0) for name in names])
 
 
-def measured_outputs(
+def compute_outputs(
     model: SoftModel, names: Sequence[str], path: np.ndarray, by: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs (N, outputs) of a path (N, n), and their derivatives from the path's.

@@ -137,7 +137,7 @@ def camera_unknowns(start: np.ndarray) -> tuple[Parameter, ...]:
     return tuple(_member(SEEN, CAMERA, k, float(value)) for k, value in enumerate(start))
 
 
-def unknowns_of(
+def choose_unknowns(
     model: SoftModel, free: Sequence[str] = (), shared: Sequence[str] = ()
 ) -> tuple[Parameter, ...]:
     """The unknowns of several kinds; by default stiffness and damping of each joint.
@@ -230,7 +230,7 @@ def motion_columns(
         shift = DIFFERENCE * max(abs(theta[k]), DIFFERENCE * one.scale)
         step = shift * np.eye(len(theta))[k]
         above, below = (
-            sample.residual(with_values(model, unknowns, theta + s * step)) for s in (1, -1)
+            sample.residual(apply_values(model, unknowns, theta + s * step)) for s in (1, -1)
         )
         found[:, k] = (above - below) / (2 * shift)
     return found
@@ -246,7 +246,7 @@ def neighbours_of(
             shift = DIFFERENCE * max(abs(theta[k]), DIFFERENCE * unknown.scale)
             there = theta.copy()
             there[k] += shift
-            beside = with_values(model, unknowns, there)
+            beside = apply_values(model, unknowns, there)
             found.append(Neighbour(k, beside, shift))
     return tuple(found)
 
@@ -267,7 +267,7 @@ def member_values(
     return found
 
 
-def with_values(model: SoftModel, unknowns: Sequence[Parameter], theta: np.ndarray) -> SoftModel:
+def apply_values(model: SoftModel, unknowns: Sequence[Parameter], theta: np.ndarray) -> SoftModel:
     """The model with θ in place of the file's values."""
     if not instances("unknowns", unknowns, Parameter, "a Parameter"):
         return check_model(model)

@@ -17,8 +17,8 @@ from softdyn.exceptions import InputError
 from softdyn.identification.blocks import DONE, ResidualBlock, least_squares
 from softdyn.identification.data import Measurements, spread
 from softdyn.identification.markers.camera import MarkerView
-from softdyn.identification.outputs import measured_outputs
-from softdyn.identification.parameters import Parameter, neighbours_of, with_values
+from softdyn.identification.outputs import compute_outputs
+from softdyn.identification.parameters import Parameter, apply_values, neighbours_of
 from softdyn.identification.trajectory import TrajectoryError
 from softdyn.identification.unknowns.kinds import SEEN, SENSOR_BIAS, Around
 from softdyn.identification.unknowns.sensor_errors import READ, biases
@@ -142,7 +142,7 @@ class FitProblem(ABC):
     def simulated(self, theta: np.ndarray, firsts: Sequence[np.ndarray]) -> list[Simulated]:
         """Outputs of each run and their derivatives by θ and by the run's first state."""
         self.tick()
-        model, count, found = with_values(self.base, self.unknowns, theta), len(theta), []
+        model, count, found = apply_values(self.base, self.unknowns, theta), len(theta), []
         around = Around(self.base, neighbours_of(self.base, self.unknowns, theta))
         for run, first in zip(self.runs, firsts, strict=True):
             out, slope = self._outputs(model, theta, run, first, around, True)
@@ -151,7 +151,7 @@ class FitProblem(ABC):
 
     def outputs(self, theta: np.ndarray, firsts: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Outputs (N, outputs) of each run without derivatives, in half the time."""
-        model, around = with_values(self.base, self.unknowns, theta), Around(self.base)
+        model, around = apply_values(self.base, self.unknowns, theta), Around(self.base)
         return [
             self._outputs(model, theta, run, first, around, False)[0]
             for run, first in zip(self.runs, firsts, strict=True)
@@ -180,7 +180,7 @@ class FitProblem(ABC):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Outputs of a path with the errors of the model's sensors, and their derivatives."""
         names = self.data.names
-        out, slope = measured_outputs(model, names, path, by)
+        out, slope = compute_outputs(model, names, path, by)
         if not any(name.startswith(READ) for name in names):
             return out, slope
         self._late(model, run, out, slope)

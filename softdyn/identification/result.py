@@ -145,7 +145,7 @@ class Identified:
         }  # fmt: skip
 
     def values(self) -> dict[str, dict[str, float]]:
-        """Identified values of the robot, by kind and member, as `rewritten` takes them."""
+        """Identified values of the robot, by kind and member, as `rewrite_urdf` takes them."""
         known = [
             one for one in self.estimates
             if one.identified

@@ -12,7 +12,7 @@ from softdyn.exceptions import InputError
 from softdyn.identification.unknowns.kinds import KINDS
 
 
-def rewritten(robot: Robot, values: Mapping[str, Mapping[str, float]]) -> str:
+def rewrite_urdf(robot: Robot, values: Mapping[str, Mapping[str, float]]) -> str:
     """The text of the robot's URDF with `values`, rounded to 12 digits.
 
     Parameters

@@ -12,7 +12,7 @@ from softdyn.exceptions import InputError
 from softdyn.identification.blocks import ResidualBlock
 from softdyn.identification.data import Measurements
 from softdyn.identification.intervals import fit_length, half_widths
-from softdyn.identification.parameters import Parameter, with_values
+from softdyn.identification.parameters import Parameter, apply_values
 from softdyn.identification.problem import Acquisition, Fit, FitProblem, Run, Simulated
 from softdyn.identification.rests import Inputs, directions, rests, slid
 from softdyn.identification.unknowns.kinds import CABLE_FRICTION, INPUT_LOSS, Around
@@ -107,7 +107,7 @@ class StaticFit(FitProblem):
         """`rests.slid` with the values found."""
         problem, theta = found.problem, found.theta
         assert isinstance(problem, StaticFit)
-        model = with_values(problem.base, problem.unknowns, theta)
+        model = apply_values(problem.base, problem.unknowns, theta)
         try:
             return slid(model, rows.u, problem.inputs(theta, (0, len(problem.data.t))).loss)
         except StaticsError as error:

@@ -20,7 +20,7 @@ from softdyn.tasks.frames import (
     PointTask,
     PoseTask,
     direction_tasks,
-    tasks_of,
+    make_tasks,
 )
 from softdyn.tasks.link_motion import LinkKinematics, LinkMotion
 from softdyn.tasks.shape import JointTask, ShapeTask, StrainTask
@@ -35,11 +35,31 @@ from softdyn.tasks.targets import (
     read_paths,
     recorded_paths,
 )
-from softdyn.tasks.task import Task, TaskError, errors_along
+from softdyn.tasks.task import Task, TaskError, compute_errors
 
 __all__ = [
-    "AxisTask", "FrameTask", "JointTask", "LinkKinematics", "LinkMotion", "OrientationTask",
-    "PointTask", "PoseTask", "Poses", "References", "ShapeTask", "StackedReference", "StrainTask",
-    "Target", "Task", "TaskError", "Turns", "Waypoints", "direction_tasks", "errors_along",
-    "read_path", "read_paths", "recorded_paths", "tasks_of",
+    "AxisTask",
+    "FrameTask",
+    "JointTask",
+    "LinkKinematics",
+    "LinkMotion",
+    "OrientationTask",
+    "PointTask",
+    "PoseTask",
+    "Poses",
+    "References",
+    "ShapeTask",
+    "StackedReference",
+    "StrainTask",
+    "Target",
+    "Task",
+    "TaskError",
+    "Turns",
+    "Waypoints",
+    "compute_errors",
+    "direction_tasks",
+    "make_tasks",
+    "read_path",
+    "read_paths",
+    "recorded_paths",
 ]  # fmt: skip

@@ -288,7 +288,7 @@ class FrameStack:
         return found[:, 3:], by_q[3:]
 
 
-def tasks_of(model: SoftModel) -> list[Task]:
+def make_tasks(model: SoftModel) -> list[Task]:
     """The tasks that the robot's file states; the position of the tip if it states none."""
     found: list[Task] = []
     for stated in model.robot.tasks:

@@ -163,7 +163,7 @@ class Task(KeepsMaking, Frozen, ABC):
         return False
 
 
-def errors_along(
+def compute_errors(
     model: SoftModel, tasks: Sequence[Task], log: Any, reference: Callable[[float], Any]
 ) -> dict[str, np.ndarray]:
     """The error ‖e‖ (N,) of each task at every sample of a run (m, rad; unweighted), by name.

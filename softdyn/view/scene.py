@@ -22,7 +22,7 @@ from softdyn.description.visuals import BoxShape, CylinderShape, Mesh, SphereSha
 from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.wraps import RoundBodies, body_of, courses
 from softdyn.safety import Surroundings
-from softdyn.tasks.frames import tasks_of
+from softdyn.tasks.frames import make_tasks
 from softdyn.tasks.marks import marks_of
 from softdyn.view.skin import skins
 from softdyn.view.tendon_paths import Path, fixed_path
@@ -156,7 +156,7 @@ class Figure:
     @classmethod
     def with_stated_tasks(cls, model: SoftModel) -> Figure:
         """The figure of a robot with the tasks that its file states."""
-        return cls.of(model, marks_of(tasks_of(model)) if model.robot.tasks else ())
+        return cls.of(model, marks_of(make_tasks(model)) if model.robot.tasks else ())
 
     def with_scenery(
         self, surroundings: Surroundings | None, scenery: Sequence[Visual] = ()

@@ -22,7 +22,7 @@ from softdyn.tasks import (
     Target,
     Turns,
     Waypoints,
-    errors_along,
+    compute_errors,
 )
 from softdyn.tasks.targets import exp3
 from softdyn.validation import simulate
@@ -99,7 +99,7 @@ def test_errors_ahead_are_those_of_the_targets_motion() -> None:
 
 def errors_at_end(model: SoftModel, controller, tasks, goal: References) -> dict[str, float]:
     log = simulate(model, controller, goal, duration=4.0)
-    return {name: error[-1] for name, error in errors_along(model, tasks, log, goal).items()}
+    return {name: error[-1] for name, error in compute_errors(model, tasks, log, goal).items()}
 
 
 def test_weights_trade_and_a_reachable_pair_is_reached() -> None:

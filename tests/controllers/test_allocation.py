@@ -61,7 +61,7 @@ def tapered(tmp_path_factory: pytest.TempPathFactory) -> softdyn.SoftModel:
     """Nine cables, six bends that they can give: every torque has a family of minimisers."""
     path = Path(tmp_path_factory.mktemp("tapered"), "arm.urdf")
     table = tomllib.loads(THREE_SECTIONS.replace("count = 4", "count = 3"))
-    path.write_text(design.urdf(design.arm_of(table)))
+    path.write_text(design.urdf(design.make_arm(table)))
     return softdyn.load(path)
 
 

@@ -25,7 +25,7 @@ from softdyn.tasks import (
     Target,
     Task,
     TaskError,
-    errors_along,
+    compute_errors,
 )
 from softdyn.tasks.targets import exp3
 from softdyn.validation import simulate
@@ -213,7 +213,7 @@ def test_errors_by_task_along_a_run() -> None:
     tasks = [PointTask("tip"), AxisTask("tip", [1, 0, 0], weight=0.01)]
     goal = References({"tip": SetPoint([0.13, 0, -0.13]), "tip.axis": Target([0, 0, -1])})
     log = simulate(model, SoftIdClfQp(model, tasks=tasks), goal, duration=0.3, period=0.005)
-    errors = errors_along(model, tasks, log, goal)
+    errors = compute_errors(model, tasks, log, goal)
     np.testing.assert_allclose(errors["tip"], np.linalg.norm(log.error, axis=1), atol=1e-12)
     assert errors["tip.axis"][0] == pytest.approx(np.pi / 2)
     assert errors["tip"][-1] < 0.5 * errors["tip"][0]
@@ -230,7 +230,7 @@ def test_a_pose_has_an_error_in_m_and_one_in_rad() -> None:
     pose[:3, :3], pose[:3, 3] = at.rotation, at.position + np.array([0.003, 0, -0.004])
     hand = PoseTask("tip", name="hand")
     run, goal = SimpleNamespace(t=[0.0], q=[model.q0], v=[np.zeros(model.nv)]), Target(pose)
-    found = errors_along(model, [hand], run, lambda t: StackedReference({"hand": goal}))
+    found = compute_errors(model, [hand], run, lambda t: StackedReference({"hand": goal}))
     assert found["hand.position"] == pytest.approx(0.005)
     assert found["hand.angle"] == pytest.approx(0.0, abs=1e-12)
     assert list(PoseTask("tip", axes=(0, 4)).columns(2)) == ["tip.pose.position", "tip.pose.angle"]

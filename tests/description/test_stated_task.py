@@ -9,7 +9,7 @@ import numpy as np
 import softdyn
 from softdyn.description.stated_task import StatedTask, TaskKind
 from softdyn.description.urdf_writer import write
-from softdyn.tasks import AxisTask, PointTask, PoseTask, tasks_of
+from softdyn.tasks import AxisTask, PointTask, PoseTask, make_tasks
 from tests.support.misuses import ARM
 
 PLAIN = '<task frame="wheel"/>'
@@ -33,7 +33,7 @@ def test_a_plain_task_is_the_tip_alone(tmp_path) -> None:
     same = parsed(tmp_path, ARM.replace(PLAIN, spelled))
     assert same == robot
     assert same.digest == robot.digest
-    (only,) = tasks_of(softdyn.build(robot))
+    (only,) = make_tasks(softdyn.build(robot))
     assert isinstance(only, PointTask)
     assert only.plain
 
@@ -55,7 +55,7 @@ def test_several_tasks_are_read_and_written(tmp_path) -> None:
 
 def test_tasks_of_the_file_are_tasks_of_the_library(tmp_path) -> None:
     model = softdyn.build(parsed(tmp_path, ARM.replace(PLAIN, SEVERAL)))
-    pose, point, up = tasks_of(model)
+    pose, point, up = make_tasks(model)
     assert isinstance(pose, PoseTask)
     assert (pose.link, pose.name, pose.level) == ("pad", "pad.pose", 1)
     assert isinstance(point, PointTask)

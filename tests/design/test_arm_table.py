@@ -37,7 +37,7 @@ def test_units_are_units():
     for section in other["section"]:
         section["length_m"] = section.pop("length_mm") / 1000
         section["radius_cm"] = [r / 10 for r in section.pop("radius_mm")]
-    one, two = design.arm_of(table), design.arm_of(other)
+    one, two = design.make_arm(table), design.make_arm(other)
     assert design.lay_out(one).rates == pytest.approx(design.lay_out(two).rates, rel=1e-9)
 
 
@@ -107,9 +107,9 @@ def test_bad_input_is_one_line(old, wrong, message):
 
 
 def test_a_mount_hangs_down_unless_it_says_otherwise():
-    arm = design.arm_of(tomllib.loads(THREE_SECTIONS + "[mount]\nposition_m = [0.1, 0, 0]\n"))
+    arm = design.make_arm(tomllib.loads(THREE_SECTIONS + "[mount]\nposition_m = [0.1, 0, 0]\n"))
     assert arm.mount.position == (0.1, 0, 0)
-    assert arm.mount.direction == design.arm_of(tomllib.loads(THREE_SECTIONS)).mount.direction
+    assert arm.mount.direction == design.make_arm(tomllib.loads(THREE_SECTIONS)).mount.direction
     assert arm.mount.direction == (0, 0, -1)
 
 

@@ -16,7 +16,7 @@ from softdyn.dynamics.derivatives import (
     tangent_dynamics,
     tendon_curvature,
 )
-from softdyn.identification import DesignFile, unknowns_of, with_values
+from softdyn.identification import DesignFile, choose_unknowns, apply_values
 from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS, THREE_SECTIONS
 from tests.support.balanced import balanced
@@ -115,12 +115,12 @@ def test_acceleration_by_parameters(name, tmp_path):
     kinds = ["stiffness", "damping", "mass", "rest", "gear", "free_length"]
     kinds += ["armature"] * bool(model.armature.any())
     kinds += ["tendon_stiffness", "tendon_damping"] * bool(model.tendon_stiffness.any())
-    unknowns = unknowns_of(model, kinds)
+    unknowns = choose_unknowns(model, kinds)
     found = acceleration_derivatives(model, q, v, u, unknowns)
     theta, expected = np.array([one.nominal for one in unknowns]), []
     for k, one in enumerate(unknowns):
         h = 1e-4 * one.scale * np.eye(len(theta))[k]
-        ends = [with_values(model, unknowns, theta + s * h).forward_dynamics(q, v, u)
+        ends = [apply_values(model, unknowns, theta + s * h).forward_dynamics(q, v, u)
                 for s in (1, -1)]  # fmt: skip
         expected.append((ends[0] - ends[1]) / (2 * h[k]))
     scale = np.array([one.scale for one in unknowns])
@@ -140,7 +140,7 @@ def test_acceleration_by_a_bending_stiffness_and_an_offset(tmp_path):
     theta = np.array([one.nominal for one in unknowns])
     for k, one in enumerate(unknowns):
         h = 1e-3 * abs(one.nominal) * np.eye(len(theta))[k]
-        near = [with_values(model, unknowns, theta + s * h).forward_dynamics(q, v, u)
+        near = [apply_values(model, unknowns, theta + s * h).forward_dynamics(q, v, u)
                 for s in (1, -1, 2, -2)]  # fmt: skip
         slope = (8 * (near[0] - near[1]) - near[2] + near[3]) / (12 * h[k])
         assert relative(slope, found.parameters[:, k]) <= 10 * BAR, one.label
@@ -155,12 +155,12 @@ def test_parameters_of_another_kind_are_refused(tmp_path):
         replace(one, friction=0.1) for one in model.robot.joints
     )))  # fmt: skip
     with pytest.raises(InputError):
-        acceleration_derivatives(rubbing, model.q0, *still, unknowns_of(rubbing, ["friction"]))
+        acceleration_derivatives(rubbing, model.q0, *still, choose_unknowns(rubbing, ["friction"]))
     gripper = PROJECTIONS["mimic"](tmp_path)
     with pytest.raises(InputError):
         acceleration_derivatives(
             gripper, gripper.q0, np.zeros(gripper.nv), np.zeros(gripper.nu),
-            unknowns_of(model, ["stiffness"]),
+            choose_unknowns(model, ["stiffness"]),
         )  # fmt: skip
 
 

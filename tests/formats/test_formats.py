@@ -36,7 +36,7 @@ NEWEST_LOG = int(FORMAT.rpartition("-")[2])
 READ_LOGS = range(4, NEWEST_LOG + 1)  # versions of logs that are read
 # each table, with a number in it and what today's code reads there
 TABLES = {
-    "arm_1.toml": lambda path: (len(design.arm_of(read_toml(path)).sections), 3),
+    "arm_1.toml": lambda path: (len(design.make_arm(read_toml(path)).sections), 3),
     "gains_1.toml": lambda path: (Gains(500.0, **read_toml(path)).eps, 0.015),
     "markers_1.toml": lambda path: ([one.name for one in read_points(path)], ["a", "b", "c"]),
     "obstacles_1.toml": lambda path: (
@@ -173,9 +173,9 @@ def test_a_block_of_another_version_is_one_line_that_names_it(tmp_path):
 
 def test_tables_read_by_other_means_state_it_too():
     table = {"format": TOML} | tomllib.loads((HERE / "arm_1.toml").read_text("utf-8"))
-    assert len(design.arm_of(table).sections) == 3
+    assert len(design.make_arm(table).sections) == 3
     with pytest.raises(InputError, match="softdyn-toml-2"):
-        design.arm_of(table | {"format": "softdyn-toml-2"})
+        design.make_arm(table | {"format": "softdyn-toml-2"})
 
 
 def test_a_key_and_a_column_of_this_name_that_mean_something_else_stay(tmp_path):

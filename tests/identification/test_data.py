@@ -181,7 +181,7 @@ def test_new_numbers_in_the_file(finger, tmp_path):
         "gear": {"u1": -0.7}, "mass": {"joint4": 2.0},
     }  # fmt: skip
     path = tmp_path / "new.urdf"
-    path.write_text(identification.rewritten(finger.robot, values))
+    path.write_text(identification.rewrite_urdf(finger.robot, values))
     new = softdyn.load(path)
     index = {name: k for k, name in enumerate(finger.joint_names)}
     for kind, (joint, value) in (("stiffness", ("joint2", 0.0123)), ("damping", ("joint1", 0.5)),
@@ -198,14 +198,14 @@ def test_new_numbers_in_the_file(finger, tmp_path):
     bare = tmp_path / "bare.urdf"
     text = finger.robot.path.read_text().replace("<springReference>0</springReference>", "")
     bare.write_text(text)
-    path.write_text(identification.rewritten(softdyn.parse(bare), {"rest": {"joint3": 0.1}}))
+    path.write_text(identification.rewrite_urdf(softdyn.parse(bare), {"rest": {"joint3": 0.1}}))
     assert np.array_equal(
         softdyn.load(path).rest, np.where(np.arange(4) == index["joint3"], 0.1, 0)
     )
     # so does an armature that the file does not state
-    path.write_text(identification.rewritten(finger.robot, {"armature": {"joint1": 1.0}}))
+    path.write_text(identification.rewrite_urdf(finger.robot, {"armature": {"joint1": 1.0}}))
     assert np.array_equal(softdyn.load(path).armature, [1.0, 0, 0, 0])
-    assert identification.rewritten(finger.robot, {}) == finger.robot.path.read_text()
+    assert identification.rewrite_urdf(finger.robot, {}) == finger.robot.path.read_text()
 
 
 def test_a_mass_s_factor_is_on_the_links_welded_to_its_body_too(tmp_path):
@@ -215,7 +215,7 @@ def test_a_mass_s_factor_is_on_the_links_welded_to_its_body_too(tmp_path):
         'iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>',
     )
     before = cart.load(tmp_path, text)
-    after = cart.load(tmp_path, identification.rewritten(before.robot, {"mass": {"x": 3.0}}))
+    after = cart.load(tmp_path, identification.rewrite_urdf(before.robot, {"mass": {"x": 3.0}}))
     M, tripled = (one.state(np.zeros(1), np.zeros(1)).M[0, 0] for one in (before, after))
     assert pytest.approx(0.7) == M
     assert tripled == pytest.approx(2.1)
@@ -227,7 +227,7 @@ def test_what_a_file_of_annotations_gives_is_written_with_the_robot(tmp_path):
     joint = arm.joint_names[1]
     found = {"stiffness": {joint: 77.0}, "gear": {arm.robot.actuators[0].name: 2.5}}
     path = tmp_path / "whole.urdf"
-    path.write_text(identification.rewritten(arm.robot, found))
+    path.write_text(identification.rewrite_urdf(arm.robot, found))
     robot = softdyn.parse(path)
     assert next(j.stiffness for j in robot.joints if j.name == joint) == 77.0
     assert robot.actuators[0].gear == 2.5

@@ -10,7 +10,7 @@ from scipy.optimize import root
 
 from softdyn import InputError, identification, statics
 from softdyn.commands import identify as command
-from softdyn.identification import DesignFile, Measurements, measured_outputs
+from softdyn.identification import DesignFile, Measurements, compute_outputs
 from softdyn.identification.hints import hints, left_out
 from softdyn.identification.markers.camera import MarkerView
 from softdyn.identification.problem import Acquisition
@@ -63,7 +63,7 @@ def test_static_rows(tmp_path, capsys, lacking):
         path = stiffer(true, u)
     else:
         path, _ = rests(true, (), Inputs(u, np.zeros(3)), Around(true))
-    out = measured_outputs(true, NAMES, path, np.zeros((*path.shape, 0)))[0]
+    out = compute_outputs(true, NAMES, path, np.zeros((*path.shape, 0)))[0]
     out += 3e-4 * rng.normal(size=out.shape)
     data = written(tmp_path / "d.csv", true, u, NAMES, out)
     words = [
@@ -119,7 +119,7 @@ def wired(folder, noise, bias):
     u = np.interp(t, 0.2 * np.arange(9), rng.uniform(-4, 4, 9))[:, None]
     none, names = np.zeros((1, 0)), ("q.x", "measured.wire")
     path, _ = follow(model, (), t, u, Start(np.array([0.2]), np.zeros(1), none, none))
-    out = measured_outputs(model, names, path, np.zeros((*path.shape, 0)))[0]
+    out = compute_outputs(model, names, path, np.zeros((*path.shape, 0)))[0]
     out += rng.normal(size=out.shape) * [5e-4, noise] + [0, bias]
     np.savetxt(folder / "d.csv", np.column_stack((t, u, out)), delimiter=",",
                header=",".join(("t", "u.u", *names)), comments="")  # fmt: skip
@@ -169,7 +169,7 @@ def test_rows_left_out_and_refusals(tmp_path):
     model, rng = made.model, np.random.default_rng(4)
     u = rng.uniform(0, 4, (9, 3)) * (rng.uniform(size=(9, 3)) < 0.6)
     path, _ = rests(model, (), Inputs(u, np.zeros(3)), Around(model))
-    out = measured_outputs(model, NAMES, path, np.zeros((*path.shape, 0)))[0]
+    out = compute_outputs(model, NAMES, path, np.zeros((*path.shape, 0)))[0]
     data = Measurements(np.arange(9.0), u, NAMES, out + 3e-4 * rng.normal(size=out.shape))
     acquisition = Acquisition(True, MarkerView.of(NAMES))
     unknowns = made.unknowns(["youngs_modulus"])

@@ -13,7 +13,7 @@ from softdyn.identification.markers import labels
 from softdyn.identification.markers.camera import CAMERA, MarkerView, kabsch, seen_at
 from softdyn.identification.markers.mistakes import check_frame, check_size, exchanged
 from softdyn.identification.markers.points import Marker, marked, read_points
-from softdyn.identification.outputs import measured_outputs
+from softdyn.identification.outputs import compute_outputs
 
 POINTS = """
 [[point]]
@@ -50,7 +50,7 @@ def test_outputs_in_the_camera_s_frame_and_their_derivatives(finger, tmp_path):
     q, camera = rng.uniform(-0.5, 0.5, 4), rng.uniform(-1, 1, 6)
 
     def outputs(q, camera):
-        out, slope = measured_outputs(model, names, q[None], np.eye(4)[None])
+        out, slope = compute_outputs(model, names, q[None], np.eye(4)[None])
         view = MarkerView.of(names, camera)
         assert view.positions == (0, 3)
         assert view.rotations == (6,)

@@ -17,9 +17,9 @@ from softdyn.dynamics.tree import tree_of
 from softdyn.identification import Measurements, blocks, dynamic_fit
 from softdyn.identification.data import cut, gaps, stretches
 from softdyn.identification.linear import first_guess, near_file
-from softdyn.identification.output_error import problem_of
-from softdyn.identification.outputs import measured_outputs
-from softdyn.identification.parameters import Parameter, columns_of, with_values
+from softdyn.identification.output_error import make_problem
+from softdyn.identification.outputs import compute_outputs
+from softdyn.identification.parameters import Parameter, apply_values, columns_of
 from softdyn.identification.problem import Acquisition
 from softdyn.identification.result import COARSE
 from softdyn.identification.unknowns.kinds import Around, MotionSample
@@ -94,7 +94,7 @@ def test_each_kind_s_column_is_a_difference_of_two_robots(kind, tmp_path):
     for k in range(len(several)):
         step = np.zeros(len(several))
         step[k] = 1e-3 * max(abs(nominal[k]), 1)
-        sides = [residual(with_values(model, several, nominal + s * step), q, v, a, u)
+        sides = [residual(apply_values(model, several, nominal + s * step), q, v, a, u)
                  for s in (1, -1)]  # fmt: skip
         difference = (sides[0] - sides[1]) / (2 * step[k])
         assert np.allclose(columns[:, k], difference, rtol=1e-7, atol=1e-9)
@@ -113,9 +113,9 @@ def test_outputs_of_tip_and_cables(spirob):
     path = rng.uniform(-0.3, 0.3, (2, spirob.nv))
     names = ["tip.z", f"length.{spirob.tendons.names[1]}", f"q.{spirob.joint_names[5]}"]
     by = np.broadcast_to(np.eye(spirob.nv), (2, spirob.nv, spirob.nv))
-    _, slope = measured_outputs(spirob, names, path, by)
+    _, slope = compute_outputs(spirob, names, path, by)
     for k, e in enumerate(np.eye(spirob.nv) * 1e-6):
-        sides = [measured_outputs(spirob, names, path + s * e, by)[0] for s in (1, -1)]
+        sides = [compute_outputs(spirob, names, path + s * e, by)[0] for s in (1, -1)]
         assert np.allclose(slope[:, :, k], (sides[0] - sides[1]) / 2e-6, atol=1e-7)
 
 
@@ -189,7 +189,7 @@ def test_coloured_residuals_widen_the_intervals(tmp_path):
     for k in range(1, len(noise)):
         noise[k] = 0.8 * noise[k - 1] + 1e-3 * rng.standard_normal()
     data = replace(data, outputs=data.outputs + noise[:, None])
-    model = with_values(model, identification.parameters(model, "stiffness"), np.array([15.0]))
+    model = apply_values(model, identification.parameters(model, "stiffness"), np.array([15.0]))
     several = identification.parameters(model, "stiffness")
     found = identification.identify(model, data, several, hold_out=0)
     rho, size = found.autocorrelation[:, 0], np.isfinite(found.residuals).sum()
@@ -284,7 +284,7 @@ def test_pieces_keep_in_step_where_the_whole_does_not(tmp_path, monkeypatch):
     monkeypatch.setattr(dynamic_fit, "PIECE", 13)
     monkeypatch.setattr(blocks, "EVALUATIONS", 5)
     model, data = swings(tmp_path, 4, 0.04, "q.x", 0.001)
-    problem = problem_of(model, data, unknowns(model, "stiffness"), np.inf)
+    problem = make_problem(model, data, unknowns(model, "stiffness"), np.inf)
     assert problem.runs == ((0, 100),)
     wrong, noise = np.array([30.0]), np.array([0.001])
     ends = []
@@ -303,7 +303,7 @@ def moved(helix):
     joints = [f"q.{n}" for n in helix.joint_names]
     excitation = Excitation(0.25, amplitude=0.02, at_rest=True)
     data, theta = twin_data(helix, several, joints, excitation, 0.0, 0)
-    return data, with_values(helix, several, theta)
+    return data, apply_values(helix, several, theta)
 
 
 def with_noise(data, size):
@@ -313,7 +313,7 @@ def with_noise(data, size):
 
 def left(model, data, size):
     """Residuals of the true parameters with fitted first states, over the size (outputs,)."""
-    exact = problem_of(model, data, (), np.inf)
+    exact = make_problem(model, data, (), np.inf)
     assert exact.held.sum() == 10
     _, _, simulated = exact.solved(np.zeros(0), exact.firsts(), size)
     return exact.residuals(simulated) / size
@@ -336,7 +336,7 @@ def test_a_stop_that_yields_is_followed_where_that_can_be_seen(moved, monkeypatc
     data, true = moved
     size = deviations(true, data.names)
     for one, moves in ((data, True), (with_noise(data, size), False)):
-        seen = problem_of(true, one, (), np.inf)
+        seen = make_problem(true, one, (), np.inf)
         spread = np.ptp(seen._driven(seen.runs[0]).motion.c, axis=0)
         assert np.all((spread > 1e-9) == moves)
     followed = np.nanstd(left(true, data, size))
@@ -349,7 +349,7 @@ def test_a_first_guess_from_the_data_and_one_within_a_factor_of_ten_of_the_file(
     springs, rng = unknowns(finger, "stiffness"), np.random.default_rng(4)
     nominal = np.array([one.nominal for one in springs])
     factors = np.array([0.01, 0.5, 3.0, 100.0])
-    true = with_values(finger, springs, factors * nominal)
+    true = apply_values(finger, springs, factors * nominal)
     q, v = rng.uniform(-0.3, 0.3, (2, 50, 4))
     u = rng.uniform(finger.u_min, finger.u_max)
     a = np.array([true.forward_dynamics(*state, u) for state in zip(q, v, strict=True)])
@@ -411,8 +411,8 @@ def test_what_would_mislead_a_fit_is_refused(finger):
         with pytest.raises(InputError, match="stiffness: expected each member in one unknown"):
             identification.identify(finger, data, several)
     with pytest.raises(InputError, match="stiffness: expected each member in one"):
-        identification.unknowns_of(finger, ["stiffness", "damping"], ["stiffness"])
-    assert identification.unknowns_of(finger, ["stiffness"], ["damping"])
+        identification.choose_unknowns(finger, ["stiffness", "damping"], ["stiffness"])
+    assert identification.choose_unknowns(finger, ["stiffness"], ["damping"])
     u = np.zeros((12, 2))
     u[5, 1] = -1.3
     with pytest.raises(InputError, match=r"u\.u2: expected -1 to 1, .*, got -1.3 at t = 0.05 s"):

@@ -7,7 +7,7 @@ import pytest
 
 import softdyn
 from softdyn import identification
-from softdyn.identification.parameters import with_values
+from softdyn.identification.parameters import apply_values
 from softdyn.loading import load_text
 from softdyn.validation.identification.trials import Excitation, trial
 
@@ -53,12 +53,12 @@ def test_a_pulley_s_radius_is_found_within_its_interval(lever):
 def test_a_side_point_stays_on_its_side_and_the_file_is_written(lever):
     """A radius beyond the stated side point leaves the cable outside."""
     several = identification.parameters(lever, "wrap_radius")
-    model = with_values(lever, several, np.array([0.02, 0.004]))
+    model = apply_values(lever, several, np.array([0.02, 0.004]))
     over, below = (tendon.wraps[0] for tendon in model.robot.tendons)
     assert (over.radius, below.radius) == (0.02, 0.004)
     assert not over.inside
     assert not below.inside
-    text = identification.rewritten(
+    text = identification.rewrite_urdf(
         lever.robot, {"wrap_radius": {"over.1": 0.02, "below.1": 0.004}}
     )
     again = load_text(text, path=lever.robot.path)

@@ -13,8 +13,8 @@ import softdyn
 from softdyn import InputError, identification
 from softdyn.commands import identify as command
 from softdyn.commands import rollout as rollout_command
-from softdyn.identification import DesignFile, Measurements, measured_outputs
-from softdyn.identification.output_error import problem_of
+from softdyn.identification import DesignFile, Measurements, compute_outputs
+from softdyn.identification.output_error import make_problem
 from softdyn.identification.trajectory import Start, follow
 from softdyn.identification.unknowns.sensor_errors import biases, with_biases, without_repeats
 from tests.support import cart
@@ -109,11 +109,11 @@ def moving(model, latencies, rows=60):
     names = ("q.x", *READINGS)
     still = np.zeros((1, 0))
     path, by = follow(model, (), t, u, Start(np.array([0.1]), np.array([0.5]), still, still))
-    out, _ = measured_outputs(model, names, path, by)
+    out, _ = compute_outputs(model, names, path, by)
     unknowns = [one for kind in ("stiffness", "sensor_bias", "sensor_latency")
                 for one in identification.parameters(model, kind)]  # fmt: skip
     theta = np.array([8.0, 0.01, 0.02, 0.03, 0.04, *latencies])
-    return problem_of(model, Measurements(t, u, names, out), tuple(unknowns)), theta
+    return make_problem(model, Measurements(t, u, names, out), tuple(unknowns)), theta
 
 
 def test_readings_and_their_derivatives(tmp_path):
@@ -179,7 +179,7 @@ def test_a_design_s_sensors(tmp_path, capsys):
     assert [one.label for one in unknowns][2:] == [
         "bias sensor camera [3]", "latency sensor camera",
     ]  # fmt: skip
-    problem, theta = problem_of(model, data, unknowns), np.array([0.01, 0.02, 0.03, 0.022])
+    problem, theta = make_problem(model, data, unknowns), np.array([0.01, 0.02, 0.03, 0.022])
     (run,) = problem.simulated(theta, problem.firsts())
     for k, e in enumerate(1e-5 * np.eye(4)):
         ends = [problem.outputs(theta + s * e, problem.firsts())[0] for s in (1, -1)]

@@ -21,8 +21,8 @@ from softdyn.identification import DesignFile, Marker, Measurements, output_erro
 from softdyn.identification.blocks import ResidualBlock
 from softdyn.identification.intervals import half_widths
 from softdyn.identification.markers.camera import MarkerView, seen_at
-from softdyn.identification.output_error import problem_of
-from softdyn.identification.outputs import measured_outputs
+from softdyn.identification.output_error import make_problem
+from softdyn.identification.outputs import compute_outputs
 from softdyn.identification.parameters import neighbours_of
 from softdyn.identification.problem import Acquisition, idle
 from softdyn.identification.rests import Inputs, rests, slid
@@ -74,7 +74,7 @@ def poses(model, names, rng, rows, noise):
     """Markers at rest under random inputs, in the world's frame."""
     u = rng.uniform(0, 0.8, (rows, model.nu)) * model.u_max
     path = np.array([model.coordinates(statics.settle(model, one).q) for one in u])
-    out, _ = measured_outputs(model, names, path, np.zeros((rows, model.nv, 0)))
+    out, _ = compute_outputs(model, names, path, np.zeros((rows, model.nv, 0)))
     return u, out + noise * rng.normal(size=out.shape)
 
 
@@ -133,7 +133,7 @@ def test_derivatives_of_equilibria_by_the_design_and_the_camera(arm):
     unknowns += identification.camera_unknowns(CAMERA)
     view = MarkerView.of(names, CAMERA)
     data = Measurements(np.arange(4.0), u, names, out)
-    problem = problem_of(model, data, unknowns, acquisition=Acquisition(True, view))
+    problem = make_problem(model, data, unknowns, acquisition=Acquisition(True, view))
     theta = np.array([one.nominal for one in unknowns])
     (run,) = problem.simulated(theta, problem.firsts())
     assert [one.label for one in unknowns[:3]] == [
@@ -177,8 +177,8 @@ def test_a_design_is_rewritten_in_any_layout(tmp_path):
     assert text != ARM
     (tmp_path / "arm.toml").write_text(text)
     made = DesignFile(tmp_path / "arm.toml")
-    assert made.rewritten({}) == text
-    changed = made.rewritten({"offset cable pull [2]": 0.005})
+    assert made.rewrite({}) == text
+    changed = made.rewrite({"offset cable pull [2]": 0.005})
     assert changed == text.replace(layout, layout.replace("6.0", "5.0"))
 
 
@@ -212,12 +212,12 @@ def test_a_robot_s_stiffness_from_its_markers(tmp_path, capsys):
     markers = [Marker(f"m{k}", links[k], xyz=(0.01, 0.004, 0.0)) for k in (2, 3, 4)]
     model = build(identification.marked(finger.robot, markers))
     springs = identification.parameters(model, "stiffness")
-    true = identification.with_values(model, springs, np.array([1.2, 0.8, 1.1, 0.9]) * 0.01)
+    true = identification.apply_values(model, springs, np.array([1.2, 0.8, 1.1, 0.9]) * 0.01)
     rng = np.random.default_rng(11)
     names = tuple(f"point.m{k}.{a}" for k in (2, 3, 4) for a in "xyz")
     u = rng.uniform(finger.u_min, finger.u_max, (40, 2)) * 0.2
     path = np.array([model.coordinates(statics.settle(true, one).q) for one in u])
-    out, _ = measured_outputs(true, names, path, np.zeros((40, 4, 0)))
+    out, _ = compute_outputs(true, names, path, np.zeros((40, 4, 0)))
     data = Measurements(np.arange(40.0), u, names, out + 1e-3 * rng.normal(size=out.shape))
     data, acquisition = identification.prepared(model, data, static=True)
     unknowns = (*springs, *identification.parameters(model, "damping", shared=True))
@@ -273,7 +273,7 @@ def test_rests_with_friction_balance_and_their_derivatives(arm):
     names = tuple(f"point.{m}.{a}" for m in "abc" for a in "xyz")
     unknowns = made.unknowns(["cable_friction", "youngs_modulus", "input_loss"])
     data = Measurements(np.arange(3.0), u, names, rng.normal(size=(3, 9)), way)
-    problem = problem_of(model, data, unknowns, acquisition=Acquisition(True))
+    problem = make_problem(model, data, unknowns, acquisition=Acquisition(True))
     theta = np.array([one.nominal for one in unknowns])
     theta[2:] = 0.2
     (run,) = problem.simulated(theta, problem.firsts())
@@ -343,7 +343,7 @@ def test_friction_from_a_ramp_whose_cables_slid_back_only_in_part(arm):
     u, slow = ramp[:, None], follow(Capstan(true), [np.zeros(1), *steps[:, None]])[2::2]
     names = tuple(f"point.{m}.{a}" for m in "abc" for a in "xyz")
     q = np.array([true.coordinates(rest.state.q) for rest in slow])
-    out = measured_outputs(true, names, q, np.zeros((*q.shape, 0)))[0]
+    out = compute_outputs(true, names, q, np.zeros((*q.shape, 0)))[0]
     data = Measurements(np.arange(float(len(u))), u, names, out + 1e-3 * rng.normal(size=out.shape))
     unknowns = made.unknowns(["cable_friction", "youngs_modulus"])
     found = identification.identify(
@@ -365,7 +365,7 @@ def test_friction_of_cables_from_static_rows(arm, tmp_path, capsys):
     u = np.concatenate([np.linspace(0, 5, 8), np.linspace(4.4, 0.3, 7)])[:, None] * [1, 0, 0]
     u = np.concatenate((u, np.roll(u, 1, axis=1)))
     path, _ = rests(true, (), Inputs(u, np.zeros(3)), Around(true))
-    out = measured_outputs(true, names, path, np.zeros((*path.shape, 0)))[0]
+    out = compute_outputs(true, names, path, np.zeros((*path.shape, 0)))[0]
     out += 1e-3 * rng.normal(size=out.shape)
     data = written(tmp_path / "d.csv", true, u, names, out)
     base = [str(made.path), data, "--static", "--points", str(arm.points), "--hold-out", "0"]

@@ -12,7 +12,7 @@ import softdyn
 from softdyn import identification
 from softdyn.dynamics.mimic import build
 from softdyn.identification import trajectory
-from softdyn.identification.parameters import with_values
+from softdyn.identification.parameters import apply_values
 from softdyn.identification.trajectory import Driven, Start, follow
 from softdyn.identification.unknowns.friction import friction_of
 from softdyn.identification.unknowns.kinds import Around
@@ -62,7 +62,7 @@ def test_the_trajectory_s_derivatives(finger, stopped, rubs, monkeypatch):
 
     def path(at):
         start = Start(at[count : count + n], at[count + n :], *eyes)
-        changed = with_values(finger, several, at[:count])
+        changed = apply_values(finger, several, at[:count])
         return follow(changed, several, t, u, start, driven, around=Around(finger))
 
     _, slope = path(z)
@@ -126,6 +126,6 @@ def test_dry_friction_of_a_twin_is_found_and_written(finger, tmp_path):
     text = finger.robot.path.read_text()
     path.write_text(re.sub(r"(<dynamics damping=[^/]*)/>", r'\1 friction="0.001"/>', text))
     found = one.found.values()
-    path.write_text(identification.rewritten(softdyn.load(path).robot, found))
+    path.write_text(identification.rewrite_urdf(softdyn.load(path).robot, found))
     written = {joint.name: joint.friction for joint in softdyn.load(path).robot.moving_joints}
     assert written == pytest.approx(found["friction"])

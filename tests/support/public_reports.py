@@ -154,7 +154,7 @@ def arm(folder: Path, file: str) -> SoftModel:
     """The model of an arm's table."""
     values = tomllib.loads((folder / file).read_text("utf-8"))
     path = folder / f"{file}.urdf"
-    path.write_text(design.urdf(design.arm_of(values, file)))
+    path.write_text(design.urdf(design.make_arm(values, file)))
     return softdyn.load(path)
 
 

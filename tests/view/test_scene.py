@@ -229,7 +229,7 @@ def test_a_joint_moves_where_it_has_room_and_back(tmp_path, limits, peak):
 
 def test_a_led_cable_of_a_rod_is_drawn_on_its_side(tmp_path):
     """At joints that bend both ways in one point, its moment arms determine its place."""
-    arm = design.arm_of(tomllib.loads(THREE_SECTIONS))
+    arm = design.make_arm(tomllib.loads(THREE_SECTIONS))
     figure = Figure.of(loaded(arm, tmp_path))
     assert len(figure.cables) == len(arm.cables) == 12
     for cable, drawn in zip(arm.cables, figure.cables, strict=True):

@@ -23,12 +23,12 @@ from softdyn.identification import (
     MarkerView,
     Measurements,
     Parameter,
+    apply_values,
+    compute_outputs,
     identify,
     least_deviations,
-    measured_outputs,
     member_values,
     prepared,
-    with_values,
 )
 from softdyn.statics.equilibria import settle
 from softdyn.validation.processes import in_order
@@ -144,7 +144,7 @@ def twin_data(
     nominal = np.array([parameter.nominal for parameter in unknowns])
     drawn = rng.uniform(-excitation.spread, excitation.spread, len(nominal))
     theta = np.where(nominal, nominal * (1 + drawn), ABOUT_ZERO * drawn)
-    true = with_values(model, unknowns, theta)
+    true = apply_values(model, unknowns, theta)
     steps = plant_steps(true, 1 / excitation.rate, excitation.timestep)
     timestep = 1 / excitation.rate / steps
     twin = Twin(true.robot, timestep=timestep, integrator="rk4", friction=True)
@@ -167,7 +167,7 @@ def twin_data(
         q, _ = states.from_twin(twin.qpos, twin.qvel)
         path[k] = true.coordinates(q)
         twin.advance(held, steps)
-    values, _ = measured_outputs(true, outputs, path, np.zeros((len(t), true.nv, 0)))
+    values, _ = compute_outputs(true, outputs, path, np.zeros((len(t), true.nv, 0)))
     for unknown, value in zip(unknowns, theta, strict=True):
         values = values + value * unknown.shift(true, outputs)
     values = values + noise * deviations(true, outputs) * rng.standard_normal(values.shape)

@@ -18,7 +18,7 @@ from softdyn.controllers.controller import Command
 from softdyn.controllers.qps.stacked_error import rows_of
 from softdyn.description.task_mark import TaskMark
 from softdyn.tasks.marks import marks_of, target_row
-from softdyn.tasks.task import Task, errors_along
+from softdyn.tasks.task import Task, compute_errors
 from softdyn.validation.channels import every_run, goals
 from softdyn.validation.loop.log import check_channel_name
 from softdyn.validation.loop.log_files import SETTINGS
@@ -208,7 +208,7 @@ class Recorder:
         t, q, v = (self._arrays[name][: steps + 1] for name in ("t", "q", "v"))
         known = np.isfinite(np.hstack((q, v))).all(axis=1)
         run = SimpleNamespace(t=t[known], q=q[known], v=v[known])
-        found = errors_along(self._model, tasks, run, reference)
+        found = compute_errors(self._model, tasks, run, reference)
         parts = [task.columns(rows_of(task, self._model)) for task in tasks]
         units = {name: unit for part in parts for name, (unit, _) in part.items()}
         channel = LogChannel.of("tasks", units.items(), "task")

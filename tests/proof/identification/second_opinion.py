@@ -27,11 +27,11 @@ from softdyn.identification import (
     Identified,
     Measurements,
     Parameter,
+    choose_unknowns,
     fit_length,
     identify,
     member_values,
     read_csv,
-    unknowns_of,
 )
 from softdyn.identification.dynamic_fit import DynamicFit
 from softdyn.validation.identification.trials import (
@@ -75,7 +75,7 @@ def command(arguments: cli.Arguments) -> int:
     if (arguments.data is None) == (arguments.twin is None):
         raise InputError("DATA", "a file, or --twin", "both" if arguments.data else "neither")
     model = softdyn.load(arguments.robot)
-    unknowns = unknowns_of(model, arguments.free or (), arguments.shared)
+    unknowns = choose_unknowns(model, arguments.free or (), arguments.shared)
     if arguments.data is not None:
         several = [read_csv(arguments.data, model)]
     else:

@@ -10,7 +10,7 @@ import pytest
 import softdyn
 from softdyn import InputError, identification
 from softdyn.identification import Measurements
-from softdyn.identification.parameters import member_values, with_values
+from softdyn.identification.parameters import apply_values, member_values
 from softdyn.validation.identification.trials import Excitation, twin_data
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
@@ -70,7 +70,7 @@ def test_each_kind_is_written_where_mujoco_reads_it(kind, tmp_path):
     model, rng = softdyn.load(path), np.random.default_rng(4)
     several = identification.parameters(model, kind)
     theta = np.array([one.nominal for one in several]) * 1.3 + 0.1 * (kind == "rest")
-    twin, changed = Twin(model), with_values(model, several, theta)
+    twin, changed = Twin(model), apply_values(model, several, theta)
     q, v = rng.uniform(-0.5, 0.5, (2, model.nv))
     u = rng.uniform(model.u_min, model.u_max)
     states = StateMap(model, twin)
