@@ -103,7 +103,7 @@ def input_lines(robot: Robot) -> Iterator[str]:
 
 
 def rig_lines(robot: Robot) -> Iterator[str]:
-    """Motors that are not ideal, equal ones on one line, and the number of sensors of each kind."""
+    """Motors that are not ideal, equal ones on one line; sensors of each kind; own forces."""
     motors: dict[str, list[str]] = {}
     for actuator in robot.actuators:
         if not actuator.is_ideal:
@@ -112,6 +112,8 @@ def rig_lines(robot: Robot) -> Iterator[str]:
     kinds = Counter(sensor.kind.value for sensor in robot.sensors)
     if kinds:
         yield f"sensors: {', '.join(f'{count} {kind}' for kind, count in kinds.items())}"
+    if robot.forces:
+        yield f"forces of one's own: {short([force.name for force in robot.forces])}"
 
 
 def _motor(actuator: Actuator) -> str:

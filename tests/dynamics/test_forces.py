@@ -13,7 +13,7 @@ from scipy.optimize import fsolve
 
 import softdyn
 from softdyn import ForceError, InputError, SoftModel, statics
-from softdyn.controllers import Impedance, SoftIdClfQp
+from softdyn.controllers import Impedance, SoftIdClfQp, best
 from softdyn.dynamics import (
     ForceBalance,
     Wrench,
@@ -255,6 +255,35 @@ def test_controllers_see_it_in_h(controller):
     found = controller(wet, **more)(wet.state(q, 0.01 * v), goal)
     np.testing.assert_allclose(found.u, own.u, rtol=1e-9, atol=1e-9)
     assert np.abs(found.u - controller(helix, **more)(dry, goal).u).max() > 1e-6
+
+
+def test_best_holds_the_tip_against_it():
+    """The plant is the model with the forces, in steps of backward Euler."""
+    finger, period = softdyn.load("finger"), 0.005
+    wet = finger.with_forces(ExactToy(spring=0.1, drag=0.01), Wrench("tip", [0, 0, -0.05]))
+    goal = softdyn.SetPoint(statics.settle(wet, np.array([0.05, 0.1]) * wet.u_max).y)
+    controller, q, v = best(wet), wet.q0, np.zeros(4)
+    controller.waits = True
+    controller.reset(period)
+    for _ in range(300):
+        command = controller(wet.state(q, v), goal)
+        step = discrete_step(wet, q, v, command.u, period)
+        q, v = step.q, step.v
+    assert np.linalg.norm(wet.state(q, v).y - goal.y) < 1e-3
+    assert controller.guard.fallbacks == 0
+
+
+def test_both_ways_to_a_state_have_it(model):
+    tree = getattr(model, "tree", model).with_forces(Toy())
+    q, v, _ = random_state(tree)
+    state = tree.state(q, v)
+    other = tree._in_numpy(state.q.copy(), tree.about_base(state.q), state.v, tree._scratch)
+    assert (other.F == state.F).all()
+    assert relative(other.h, state.h) < 1e-12
+
+
+def test_a_model_tells_its_forces():
+    assert "toy, drag" in str(softdyn.load("finger", forces=[Toy(), Drag()]))
 
 
 def test_copies_pickles_and_digests(model):
