@@ -219,6 +219,7 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--annotations", metavar="FILE", help=BLOCK)
     parser.add_argument("--floating", action="store_true", help="let the root link move freely")
     add_repair_option(parser)
+    add_root_option(parser)
 
 
 def add_repair_option(parser: argparse.ArgumentParser) -> None:
@@ -228,6 +229,21 @@ def add_repair_option(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="replace impossible inertias by the nearest possible ones",
     )
+
+
+def add_root_option(parser: argparse.ArgumentParser) -> None:
+    """Add --root, for files that lie above the robot's own folder."""
+    parser.add_argument(
+        "--root", metavar="DIR",
+        help="folder below which meshes (MJCF: and includes) may lie; by default the robot's own",
+    )  # fmt: skip
+
+
+def root_folder(arguments: Arguments) -> Path | None:
+    """The folder of --root."""
+    from softdyn.files import existing_folder
+
+    return None if arguments.root is None else existing_folder("--root", arguments.root)
 
 
 def warn_useless(option: str, reason: str) -> None:
@@ -257,6 +273,7 @@ def load_robot(arguments: Arguments) -> SoftModel:
         annotations=arguments.annotations,
         floating=arguments.floating,
         repair_inertia=arguments.repair_inertia,
+        root=root_folder(arguments),
     )
     warn_of_no_use(model.robot, arguments)
     return model

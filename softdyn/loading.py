@@ -17,6 +17,7 @@ def load(
     annotations: str | Path | None = None,
     floating: bool = False,
     repair_inertia: bool = False,
+    root: str | Path | None = None,
 ) -> SoftModel:
     """Load a robot: a bundled name, a path to an annotated URDF, or an example-robot-data name.
 
@@ -31,16 +32,20 @@ def load(
         (x, y, z, w), and v with its velocity and angular velocity in its own axes.
     repair_inertia : bool
         Replace impossible inertias by the nearest possible ones, with a warning each.
+    root : str or Path, optional
+        A folder below which meshes may lie, too; by default only the robot's own folder.
 
     Raises
     ------
     InputError
-        If there is no such robot.
+        If there is no such robot or folder.
     UrdfError
         If the file cannot be used; the message names file, element, expected and got.
     """
     path = find(source)
-    robot = parse(path, annotations=annotations, floating=floating, repair_inertia=repair_inertia)
+    robot = parse(
+        path, annotations=annotations, floating=floating, repair_inertia=repair_inertia, root=root
+    )
     # published gains belong to the unchanged bundled file only
     model = build(robot, None if annotations or floating else bundled_name(path))
     for warning in robot.warnings:

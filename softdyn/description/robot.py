@@ -260,9 +260,6 @@ class Robot:
         and for what only old releases of Gazebo read.
     ignored : tuple of str
         Other tools' elements and attributes that softdyn ignores, each with its number.
-    adopted : tuple of str
-        A line for each number of another tool's element that softdyn reads, such as a rotor's
-        inertia.
     xml : str
         The tree with its inertias as plain URDF, every number spelled as in the file. Engines get
         this text, because it holds only elements that were checked.
@@ -273,6 +270,11 @@ class Robot:
         Whether an engine must read `text` instead of the file.
     overlay : Path or None
         The file with the ``<softdyn>`` block, if it is not `path`.
+    adopted : tuple of str
+        A line for each number of another tool's element that softdyn reads, such as a rotor's
+        inertia.
+    root_folder : Path or None
+        A folder below which meshes may lie, beside the folder of `path`.
     """
 
     name: str
@@ -289,12 +291,13 @@ class Robot:
     path: Path = field(default=Path(), compare=False)
     warnings: tuple[str, ...] = field(default=(), compare=False)
     ignored: tuple[str, ...] = field(default=(), compare=False)
-    adopted: tuple[str, ...] = field(default=(), compare=False)
     xml: str = field(default="", compare=False)
     text: str = field(default="", compare=False)
     annotations: str = field(default="", compare=False)
     mended: bool = field(default=False, compare=False)
     overlay: Path | None = field(default=None, compare=False)
+    adopted: tuple[str, ...] = field(default=(), compare=False)
+    root_folder: Path | None = field(default=None, compare=False)
 
     @property
     def moving_joints(self) -> tuple[Joint, ...]:

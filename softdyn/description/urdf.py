@@ -42,7 +42,7 @@ from softdyn.description.robot import (
 from softdyn.description.strict_xml import Element, read, read_bytes
 from softdyn.description.unknown_names import check_known_names
 from softdyn.description.visuals import check_shapes
-from softdyn.files import as_path
+from softdyn.files import as_path, existing_folder
 
 # Pinocchio's Data grows with nv³ (1.7 GB at nv = 300) and its URDF parser recurses over the tree.
 MAX_DOF = 256
@@ -73,6 +73,7 @@ def parse(
     annotations: str | Path | None = None,
     floating: bool = False,
     repair_inertia: bool = False,
+    root: str | Path | None = None,
 ) -> Robot:
     """Read an annotated URDF.
 
@@ -89,20 +90,25 @@ def parse(
     repair_inertia : bool
         If a moving body's inertia is impossible, replace each impossible inertia of its links by
         the nearest possible one, and warn.
+    root : str or Path, optional
+        A folder below which meshes may lie, too.
 
     Raises
     ------
     UrdfError
         For every misuse of the format; it names file, line, element, expected and got.
+    InputError
+        If `root` is no folder.
     """
     path = as_path("path", path)
+    above = None if root is None else existing_folder("root", root)
     for name, value in (("floating", floating), ("repair_inertia", repair_inertia)):
         flag(name, value)
     overlay = None
     if annotations is not None:
         overlay = partial(read, as_path("annotations", annotations), "annotations")
-    root = read(path) if content is None else read_bytes(path, content)
-    robot = _robot(root, overlay, floating, repair_inertia)
+    tree = read(path) if content is None else read_bytes(path, content)
+    robot = replace(_robot(tree, overlay, floating, repair_inertia), root_folder=above)
     return robot if annotations is None else replace(robot, overlay=Path(annotations))
 
 
