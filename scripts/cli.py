@@ -220,6 +220,7 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--annotations", metavar="FILE", help=BLOCK)
     parser.add_argument("--floating", action="store_true", help="let the root link move freely")
     add_repair_option(parser)
+    add_root_option(parser)
 
 
 def add_force_options(parser: argparse.ArgumentParser) -> None:
@@ -267,6 +268,21 @@ def add_repair_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_root_option(parser: argparse.ArgumentParser) -> None:
+    """Add --root, for files that lie above the robot's own folder."""
+    parser.add_argument(
+        "--root", metavar="DIR",
+        help="folder below which meshes (MJCF: and includes) may lie; by default the robot's own",
+    )  # fmt: skip
+
+
+def root_folder(arguments: Arguments) -> Path | None:
+    """The folder of --root."""
+    from softdyn.files import existing_folder
+
+    return None if arguments.root is None else existing_folder("--root", arguments.root)
+
+
 def warn_useless(option: str, reason: str) -> None:
     """Warn that an option changes nothing."""
     warnings.warn(f"{option} changes nothing: {reason}", stacklevel=2)
@@ -295,6 +311,7 @@ def load_robot(arguments: Arguments) -> SoftModel:
         floating=arguments.floating,
         repair_inertia=arguments.repair_inertia,
         forces=make_forces(arguments),
+        root=root_folder(arguments),
     )
     warn_of_no_use(model.robot, arguments)
     return model

@@ -42,6 +42,7 @@ parser.add_argument(
     "at most six digits and no difference is larger)",
 )
 cli.add_repair_option(parser)
+cli.add_root_option(parser)
 parser.add_argument(
     "--engines",
     action="store_true",
@@ -65,7 +66,7 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation.mjcf.mjcf_file import Contents
 
     mapping = None if arguments.map is None else read_map(arguments.map)
-    contents = Contents(arguments.opened)
+    contents = Contents(arguments.opened, cli.root_folder(arguments))
     repair = arguments.repair_inertia
     sides = (
         Side.of(arguments.a, contents, repair_inertia=repair),

@@ -43,7 +43,7 @@ parser.unused(
     "--urdf writes the robot as its file states it",
 )  # fmt: skip
 parser.unused(
-    "--annotations --floating --repair-inertia --contacts --no-shapes --json",
+    "--annotations --floating --repair-inertia --root --contacts --no-shapes --json",
     lambda a: a.csv or a.mcap, "--csv and --mcap write a log",
 )  # fmt: skip
 
@@ -65,11 +65,13 @@ def command(arguments: cli.Arguments) -> int:
         return cli.PASSED
     if arguments.urdf is not None:
         shapes = not arguments.no_shapes
-        result, lost = export.write_urdf(arguments.robot, arguments.urdf, shapes=shapes)
+        root = cli.root_folder(arguments)
+        result, lost = export.write_urdf(arguments.robot, arguments.urdf, shapes=shapes, root=root)
     else:
         loading = {
             name: getattr(arguments, name) for name in ("annotations", "floating", "repair_inertia")
         }
+        loading["root"] = cli.root_folder(arguments)
         cli.warn_of_no_use(parse(find(arguments.robot), **loading), arguments)
         result, lost = export.write_mjcf(
             arguments.robot,

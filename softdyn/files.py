@@ -114,6 +114,20 @@ def as_path(name: str, value: str | Path) -> Path:
     return Path(value)
 
 
+def existing_folder(name: str, value: str | Path) -> Path:
+    """`value` as the resolved path of a folder that exists.
+
+    Raises
+    ------
+    InputError
+        If there is no such folder.
+    """
+    path = as_path(name, value)
+    if not os.path.isdir(path):
+        raise InputError(name, "an existing folder", str(value))
+    return path.resolve()
+
+
 def is_stream(path: Path) -> bool:
     """Whether `path` can be written to, but not replaced by a file."""
     if path.parts[:2] in (("/", "dev"), ("/", "proc")):

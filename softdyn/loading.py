@@ -22,6 +22,7 @@ def load(
     repair_inertia: bool = False,
     gravity: Sequence[float] | None = None,
     forces: Iterable[Any] = (),
+    root: str | Path | None = None,
 ) -> SoftModel:
     """Load a robot: a bundled name, a path to an annotated URDF, or an example-robot-data name.
 
@@ -41,12 +42,14 @@ def load(
         default the file's, or 0 0 -9.81.
     forces : iterable of Force, optional
         Forces of one's own that act on the robot, as for `SoftModel.with_forces`.
+    root : str or Path, optional
+        A folder below which meshes may lie, too; by default only the robot's own folder.
 
     Raises
     ------
     InputError
-        If there is no such robot, for a force that does not meet `softdyn.dynamics.Force`, and for
-        a gravity of another shape or one that is not finite.
+        If there is no such robot or folder, for a force that does not meet
+        `softdyn.dynamics.Force`, and for a gravity of another shape or one that is not finite.
     UrdfError
         If the file cannot be used, or states another gravity. The message names file, element,
         expected and got.
@@ -54,7 +57,7 @@ def load(
     path = find(source)
     robot = parse(
         path, annotations=annotations, floating=floating, repair_inertia=repair_inertia,
-        gravity=gravity,
+        gravity=gravity, root=root,
     )  # fmt: skip
     # published gains belong to the unchanged bundled file only
     changed = annotations or floating or robot.gravity != EARTH

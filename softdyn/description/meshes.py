@@ -1,6 +1,7 @@
 """Find a robot's mesh files in its own folder, read them, and thin them for display.
 
-A path that leads out of the robot's package (absolute, ``../``, ``file://``, a link) is refused.
+A path that leads out of the robot's package (absolute, ``../``, ``file://``, a link) is refused,
+unless the user names a folder as root, and the mesh lies below that.
 Textures are not read.
 """
 
@@ -50,7 +51,7 @@ class Mesh:
     rgba: tuple[float, float, float, float] | None
 
 
-def locate(urdf: Path, reference: str) -> Path:
+def locate(urdf: Path, reference: str, above: Path | None = None) -> Path:
     """Find the file of a mesh reference in a URDF.
 
     Parameters
@@ -61,6 +62,9 @@ def locate(urdf: Path, reference: str) -> Path:
         A path relative to it, or ``package://NAME/path``. NAME is what the ``package.xml`` of a
         folder above the URDF states as ``<name>``, or else the name of such a folder. Without one,
         NAME is the URDF's own folder or the one above it.
+    above : Path, optional
+        A folder below which the mesh may lie, too, resolved. A package may be that folder, or one
+        right in it.
 
     Raises
     ------
@@ -72,7 +76,7 @@ def locate(urdf: Path, reference: str) -> Path:
     scheme, _, path = reference.rpartition("://")
     if scheme == "package":
         name, _, path = path.lstrip("/").partition("/")  # some write three slashes
-        base = root = _package(folder, name)
+        base = root = _package(folder, name, above)
     elif scheme or Path(path).is_absolute():
         raise MeshError(
             f"expected package:// or a path relative to {folder}, got {reference!r}"
@@ -84,8 +88,10 @@ def locate(urdf: Path, reference: str) -> Path:
         root = next(packages, folder)
     try:
         found = (base / path).resolve()
-        if Path(path).is_absolute() or not found.is_relative_to(root):
-            raise MeshError(f"expected a mesh inside {root}, got {reference!r}")
+        inside = any(one and found.is_relative_to(one) for one in (root, above))
+        if Path(path).is_absolute() or not inside:
+            more = "or below --root DIR" if above is None else f"or below {above}"
+            raise MeshError(f"expected a mesh inside {root}, {more}, got {reference!r}")
         if not found.is_file():
             raise MeshError(f"expected a mesh file, got none at {found}")
     except (OSError, ValueError) as error:  # a name that no system accepts
@@ -102,12 +108,16 @@ def _relative(folder: Path, path: str) -> str:
     return f": write {inside.as_posix()!r}"
 
 
-def _package(folder: Path, name: str) -> Path:
+def _package(folder: Path, name: str, root: Path | None) -> Path:
     """The package of that name above a URDF's folder; a downloaded archive has another folder."""
     above = (folder, *folder.parents)
     packages = [f for f in above if (f / "package.xml").is_file()]
     found = [f for f in packages if name and _stated_name(f / "package.xml") == name]
     found += [f for f in above if name and f.name == name and (f in above[:2] or f in packages)]
+    if root is not None and name and not found:
+        inside = (root / name).resolve()
+        found += [f for f in (inside, root) if f.name == name and f.is_dir()]
+        found = [f for f in found if f.is_relative_to(root)]
     if not found:
         said = [f"{_stated_name(f / 'package.xml')!r} of {f}" for f in packages]
         raise MeshError(

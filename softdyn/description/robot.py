@@ -273,9 +273,6 @@ class Robot:
         and for what only old releases of Gazebo read.
     ignored : tuple of str
         Other tools' elements and attributes that softdyn ignores, each with its number.
-    adopted : tuple of str
-        A line for each number of another tool's element that softdyn reads, such as a rotor's
-        inertia.
     xml : str
         The tree with its inertias as plain URDF, every number spelled as in the file. Engines get
         this text, because it holds only elements that were checked.
@@ -290,6 +287,11 @@ class Robot:
         Acceleration of gravity in the world's axes (m/s²), which a tilted base turns.
     forces : tuple of softdyn.dynamics.Force
         Forces of a user's own, which no file holds; see `SoftModel.with_forces`.
+    adopted : tuple of str
+        A line for each number of another tool's element that softdyn reads, such as a rotor's
+        inertia.
+    root_folder : Path or None
+        A folder below which meshes may lie, beside the folder of `path`.
     """
 
     name: str
@@ -306,7 +308,6 @@ class Robot:
     path: Path = field(default=Path(), compare=False)
     warnings: tuple[str, ...] = field(default=(), compare=False)
     ignored: tuple[str, ...] = field(default=(), compare=False)
-    adopted: tuple[str, ...] = field(default=(), compare=False)
     xml: str = field(default="", compare=False)
     text: str = field(default="", compare=False)
     annotations: str = field(default="", compare=False)
@@ -314,6 +315,8 @@ class Robot:
     overlay: Path | None = field(default=None, compare=False)
     forces: tuple[Any, ...] = field(default=(), compare=False)
     gravity: Vector = EARTH
+    adopted: tuple[str, ...] = field(default=(), compare=False)
+    root_folder: Path | None = field(default=None, compare=False)
 
     @property
     def moving_joints(self) -> tuple[Joint, ...]:

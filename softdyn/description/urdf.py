@@ -44,7 +44,7 @@ from softdyn.description.robot import (
 from softdyn.description.strict_xml import Element, read, read_bytes
 from softdyn.description.unknown_names import check_known_names
 from softdyn.description.visuals import check_shapes
-from softdyn.files import as_path
+from softdyn.files import as_path, existing_folder
 
 # Pinocchio's Data grows with nv³ (1.7 GB at nv = 300) and its URDF parser recurses over the tree.
 MAX_DOF = 256
@@ -76,6 +76,7 @@ def parse(
     floating: bool = False,
     repair_inertia: bool = False,
     gravity: Sequence[float] | None = None,
+    root: str | Path | None = None,
 ) -> Robot:
     """Read an annotated URDF.
 
@@ -94,23 +95,27 @@ def parse(
         the nearest possible one, and warn.
     gravity : array_like, (3,), optional
         Acceleration of gravity in the world's axes (m/s²); by default the file's, or 0 0 -9.81.
+    root : str or Path, optional
+        A folder below which meshes may lie, too.
 
     Raises
     ------
     InputError
-        For a gravity of another shape, or one that is not finite.
+        For a gravity of another shape or one that is not finite, and if `root` is no folder.
     UrdfError
         For every misuse of the format; it names file, line, element, expected and got. Also for a
         gravity that contradicts the one that the file states.
     """
     path = as_path("path", path)
+    above = None if root is None else existing_folder("root", root)
     for name, value in (("floating", floating), ("repair_inertia", repair_inertia)):
         flag(name, value)
     overlay = None
     if annotations is not None:
         overlay = partial(read, as_path("annotations", annotations), "annotations")
-    root = read(path) if content is None else read_bytes(path, content)
-    robot = _robot(root, overlay, floating, repair_inertia, gravity)
+    tree = read(path) if content is None else read_bytes(path, content)
+    robot = _robot(tree, overlay, floating, repair_inertia, gravity)
+    robot = replace(robot, root_folder=above)
     return robot if annotations is None else replace(robot, overlay=Path(annotations))
 
 

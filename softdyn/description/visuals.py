@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -85,7 +84,7 @@ def visuals(
     for link in root.children("link"):
         for shape in next(filter(None, (list(link.children(kind)) for kind in kinds)), ()):
             try:
-                shown = _shapes(link.text("name"), shape, named, partial(_meshes, robot.path))
+                shown = _shapes(link.text("name"), shape, named, partial(_meshes, robot))
                 if not all(_reach(visual) <= MAX_SIZE for visual in shown):
                     raise MeshError(f"expected shapes within {MAX_SIZE:g} m, got a larger one")
                 found += shown
@@ -149,8 +148,8 @@ def check_shapes(root: Element) -> None:
                     _shapes("", shape, {}, lambda _: ())
 
 
-def _meshes(urdf: Path, reference: str) -> tuple[Mesh, ...]:
-    return read_mesh(locate(urdf, reference))
+def _meshes(robot: Robot, reference: str) -> tuple[Mesh, ...]:
+    return read_mesh(locate(robot.path, reference, robot.root_folder))
 
 
 def _shapes(

@@ -138,7 +138,7 @@ class _Part:
         """A mesh and the material libraries beside it, by the files' names."""
         if reference in self.meshes:
             return {Path(reference).name: self.meshes[reference]}
-        path = locate(self.robot.path, reference)
+        path = locate(self.robot.path, reference, self.robot.root_folder)
         beside = path.parent.glob("*.mtl") if path.suffix.lower() == ".obj" else ()
         return {one.name: one.read_bytes() for one in (path, *sorted(beside)) if one.is_file()}
 
@@ -153,7 +153,7 @@ class _Shelf:
     def place(self, part: _Part, reference: str) -> str:
         """The path of a mesh for the new file; the mesh is copied if it lies elsewhere."""
         if reference not in part.meshes:
-            found = locate(part.robot.path, reference)
+            found = locate(part.robot.path, reference, part.robot.root_folder)
             if self._folder is not None and found.is_relative_to(self._folder):
                 return found.relative_to(self._folder).as_posix()
         files = part.files(reference)

@@ -32,6 +32,7 @@ from tests.support.misuses import ARM
 
 NOT_COMPARED = {
     "adopted",
+    "root_folder",
     "ignored",
     "comment",
     "path",

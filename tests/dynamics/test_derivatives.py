@@ -16,7 +16,7 @@ from softdyn.dynamics.derivatives import (
     tangent_dynamics,
     tendon_curvature,
 )
-from softdyn.identification import DesignFile, choose_unknowns, apply_values
+from softdyn.identification import DesignFile, apply_values, choose_unknowns
 from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS, THREE_SECTIONS
 from tests.support.balanced import balanced

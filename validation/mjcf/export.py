@@ -19,6 +19,7 @@ from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
 from softdyn.validation.mjcf.comparison.neutral import Neutral, Numbers
 from softdyn.validation.mjcf.comparison.result import Comparison
 from softdyn.validation.mjcf.comparison.side import Side, neutral
+from softdyn.validation.mjcf.mjcf_file import Contents
 from softdyn.validation.mjcf.to_mjcf import lost, to_mjcf
 from softdyn.validation.mjcf.to_urdf import to_urdf
 from softdyn.validation.mjcf.urdf_shapes import Looks, looks_of
@@ -33,6 +34,7 @@ def write_mjcf(
     annotations: str | Path | None = None,
     floating: bool = False,
     repair_inertia: bool = False,
+    root: str | Path | None = None,
     shapes: bool = True,
     contacts: bool = False,
 ) -> Outcome:
@@ -41,7 +43,7 @@ def write_mjcf(
     Parameters
     ----------
     source : str or Path
-        The robot; `annotations`, `floating` and `repair_inertia` too are arguments of
+        The robot; `annotations`, `floating`, `repair_inertia` and `root` too are arguments of
         `softdyn.load`.
     target : str or Path
         The file to write.
@@ -61,13 +63,16 @@ def write_mjcf(
         For a file that cannot be used.
     """
     robot = parse(
-        find(source), annotations=annotations, floating=floating, repair_inertia=repair_inertia
-    )
+        find(source), annotations=annotations, floating=floating, repair_inertia=repair_inertia,
+        root=root,
+    )  # fmt: skip
     write_text(str(target), to_mjcf(robot, shapes=shapes, contacts=contacts))
     return _compared(from_urdf(robot), neutral(target)), tuple(lost(robot))
 
 
-def write_urdf(source: str | Path, target: str | Path, *, shapes: bool = True) -> Outcome:
+def write_urdf(
+    source: str | Path, target: str | Path, *, shapes: bool = True, root: Path | None = None
+) -> Outcome:
     """Write an MJCF, or a URDF, as an annotated URDF; arguments and result as `write_mjcf`.
 
     Parameters
@@ -76,13 +81,15 @@ def write_urdf(source: str | Path, target: str | Path, *, shapes: bool = True) -
         The file to read, and the one to write.
     shapes : bool
         Whether to write the shapes of an MJCF. Those of a URDF are left out.
+    root : Path, optional
+        A folder below which includes and meshes may lie, beside the file's own folder.
 
     Raises
     ------
     UrdfError
         The file cannot be used, or a URDF cannot describe the robot; the message says why.
     """
-    side = Side.of(source)
+    side = Side.of(source, Contents(root=root))
     robot = side.neutral
     sensors = [sensor.name for sensor in side.robot.sensors] if not side.is_mjcf else [
         words.get("name", tag) for tag, words in side.mjcf.sensors

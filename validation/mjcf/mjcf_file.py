@@ -1,9 +1,9 @@
 """The strict reader of an MJCF, before MuJoCo sees it: one text, and the meshes that it needs.
 
-Included files are inserted here. They must lie in the folder of the main file or below it. Elements
-without influence on the dynamics are removed: pictures, sensors, contacts, keyframes, shapes of
-bodies with given inertia. So a comparison needs only the meshes that determine inertias, and MuJoCo
-opens no file.
+Included files are inserted here. They must lie in the folder of the main file or below it, or below
+a folder that the user names. Elements without influence on the dynamics are removed: pictures,
+sensors, contacts, keyframes, shapes of bodies with given inertia. So a comparison needs only the
+meshes that determine inertias, and MuJoCo opens no file.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
@@ -60,7 +60,14 @@ class Attached:
 
 
 class Contents(dict[Path, bytes]):
-    """Contents of files by resolved path; each file is opened only once."""
+    """Contents of files by resolved path; each file is opened only once.
+
+    Includes and meshes may lie below `root`, too: a folder above the file's own.
+    """
+
+    def __init__(self, opened: Mapping[Path, bytes] | None = None, root: Path | None = None):
+        super().__init__(opened or {})
+        self.root = None if root is None else root.resolve()
 
     def text(self, path: Path, what: str = "URDF or MJCF") -> bytes:
         """The bytes of an XML file; `what` describes it in an error."""
@@ -108,8 +115,8 @@ def read_mjcf(path: Path, *, whole: bool = False, contents: Contents | None = No
     ------
     UrdfError
         The file is malformed, too large, has a number that is not finite, or has elements that a
-        comparison does not support. Also if an include or a needed mesh is missing or outside the
-        file's folder.
+        comparison does not support. Also if an include or a needed mesh is missing, or outside the
+        file's folder and the root of `contents`.
     """
     return _read(path, _Reading(whole, Contents() if contents is None else contents))
 
@@ -157,7 +164,8 @@ def _attached(root: Element, reading: _Reading) -> Iterator[Attached]:
     models: dict[str, Path] = {}
     for node in list(root.node.iter("model")):
         element = Element(root.file, node, one_line(f'<model file="{node.get("file")}">'))
-        target = inside(root.file, element, root.file.resolve().parent, element.text("file"))
+        folder, name = root.file.resolve().parent, element.text("file")
+        target = inside(root.file, element, folder, name, reading.contents.root)
         if target in reading.above:
             raise element.error("a model that does not attach itself", repr(node.get("file")))
         models[node.get("name") or target.stem] = target
@@ -178,16 +186,21 @@ def _attached(root: Element, reading: _Reading) -> Iterator[Attached]:
         node.set("name", PLACE.format(k))
 
 
-def inside(file: Path, element: Element, folder: Path, name: str) -> Path:
-    """The file of a relative `name`; it must lie in `folder`, also after resolving links."""
+def inside(file: Path, element: Element, folder: Path, name: str, root: Path | None = None) -> Path:
+    """The file of a `name` relative to `folder`.
+
+    It must lie in `folder` or in `root`, also after resolving links.
+    """
     absolute = PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive or "\\" in name
     try:
         target = (folder / name).resolve()
-        found = not absolute and "\0" not in name and target.is_relative_to(folder)
+        within = any(one and target.is_relative_to(one) for one in (folder, root))
+        found = not absolute and "\0" not in name and within
     except (OSError, ValueError, RuntimeError):
         found = False
     if not found:
-        raise element.error(f"a file in the folder of {one_line(file)}", repr(name))
+        more = "or below --root DIR" if root is None else f"or below {one_line(root)}"
+        raise element.error(f"a file in the folder of {one_line(file)}, {more}", repr(name))
     return target
 
 
@@ -216,7 +229,7 @@ def insert_includes(
     """
     for place in list(node.iter("include")):
         element = Element(path, place, one_line(f'<include file="{place.get("file")}">'))
-        target = inside(path, element, folder, element.text("file"))
+        target = inside(path, element, folder, element.text("file"), contents.root)
         if target in opened:
             raise element.error("a file that was not included before", repr(place.get("file")))
         if len(opened) >= MAX_FILES:
@@ -373,7 +386,8 @@ def _meshes(root: Element, folder: str, strip: bool, contents: Contents) -> dict
         element = Element(root.file, node, one_line(f'<{node.tag} file="{name}">'))
         if strip:
             name = PurePosixPath(name).name
-        target = inside(root.file, element, base, str(PurePosixPath(folder) / name))
+        name_inside = str(PurePosixPath(folder) / name)
+        target = inside(root.file, element, base, name_inside, contents.root)
         mesh = contents.mesh(element, target, MAX_MESHES - size)
         size += len(mesh)
         # one name per file, for all models

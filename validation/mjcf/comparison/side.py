@@ -71,7 +71,7 @@ class Side:
         """The strictly parsed URDF."""
         return parse(
             self.path, content=self.contents.text(self.path), floating=self.floating,
-            repair_inertia=self.repair_inertia,
+            repair_inertia=self.repair_inertia, root=self.contents.root,
         )  # fmt: skip
 
     @cached_property
