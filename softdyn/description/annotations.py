@@ -73,9 +73,8 @@ def read_block(
     joints.update(block.unique("joint", lambda element: compliance(element, joints)))
     tendons = block.unique("tendon", lambda element: _tendon(element, links, joints))
     actuators = block.unique("actuator", lambda element: read_actuator(element, tendons, joints))
-    driven = {actuator.tendon for actuator in actuators.values()}
     sensors = block.unique(
-        "sensor", lambda element: read_sensor(element, links, joints, tendons, driven)
+        "sensor", lambda element: read_sensor(element, links, joints, tendons, actuators)
     )
     tasks = read_tasks(block, links, A_LINK)
     return AnnotationBlock(

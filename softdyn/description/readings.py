@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from softdyn.checks import number
-from softdyn.description.rig import LONGEST_DELAY, Sensor
+from softdyn.description.rig import LONGEST_DELAY, PASCAL, Sensor
 from softdyn.description.robot import Robot, sums_angles
 
 MOST_RATE = 1e9  # Hz; a number of samples stays a whole number
 SAME = 1e-3  # of a sampling interval; a sum of rounded steps is the same time
 UNITS = {
     "length": "m", "angle": "rad", "force": "N", "angular speed": "rad/s", "acceleration": "m/s²",
+    "pressure": PASCAL,
 }  # fmt: skip
 TURNING = UNITS | {"length": "rad", "force": "N m"}
 

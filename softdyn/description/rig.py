@@ -159,9 +159,9 @@ class SensorForm:
         The attributes of `Sensor` that place it. The first one names the part that it is on:
         ``tendon``, ``link`` or ``joint``.
     quantities : tuple of str, (k,)
-        The quantity of each component: ``length``, ``angle``, ``force``, ``angular speed`` or
-        ``acceleration``. On a joint that turns, or a tendon that sums angles, a length is an angle
-        and a force a torque.
+        The quantity of each component: ``length``, ``angle``, ``force``, ``angular speed``,
+        ``acceleration`` or ``pressure``. On a joint that turns, or a tendon that sums angles, a
+        length is an angle and a force a torque.
     suffixes : tuple of str, (k,)
         The suffix of each component's name.
     rotation : int, optional
@@ -223,6 +223,9 @@ class SensorKind(Enum):
     BEND = "bend", SensorForm(("link", "to", "rpy"), ("angle",), of_place=True, turns=True)
     """The bend from one link to another (rad): the angle about the z axis of the sensor's frame
     from its x axis to the x axis of the frame with the same `rpy` on the link `to`."""
+
+    PRESSURE = "pressure", SensorForm(("tendon",), ("pressure",), feels_inputs=True)
+    """The gauge pressure in the chamber along a tendon (Pa)."""
 
     def __new__(cls, value: str, form: SensorForm) -> SensorKind:
         """A member whose value is the word in a file."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -143,9 +143,9 @@ def read_sensor(
     links: Mapping[str, Link],
     joints: Mapping[str, Joint],
     tendons: Mapping[str, Tendon],
-    driven: Collection[str],
+    actuators: Mapping[str, Actuator],
 ) -> Sensor:
-    """Read a sensor; `driven` are the tendons that an actuator pulls.
+    """Read a sensor of a robot with these parts.
 
     Raises
     ------
@@ -158,7 +158,8 @@ def read_sensor(
     tendon = link = joint = to = ""
     if "tendon" in place:
         tendon = element.one_of("tendon", tendons, A_TENDON)
-        _check_tendon(element, kind, tendons[tendon], joints, driven)
+        pulling = [one for one in actuators.values() if one.tendon == tendon]
+        _check_tendon(element, kind, tendons[tendon], joints, pulling)
     elif "joint" in place:
         found = moving_joint(element, joints, "joint")
         check_position(element, found, "a sensor")
@@ -194,12 +195,16 @@ def _check_tendon(
     kind: SensorKind,
     tendon: Tendon,
     joints: Mapping[str, Joint],
-    driven: Collection[str],
+    pulling: Sequence[Actuator],
 ) -> None:
-    """Refuse the length of a path over continuous joints, and a tension that is always zero."""
+    """Refuse the length of a path over continuous joints, and a tension or pressure of nothing."""
     if kind is SensorKind.LENGTH:
         for term in tendon.terms:
             check_position(element, joints[term.joint], "a length sensor")
-    elif tendon.name not in driven and not (tendon.stiffness or tendon.damping):
+    elif kind is SensorKind.PRESSURE:
+        if (count := sum(one.is_chamber for one in pulling)) != 1:
+            got = f"{tendon.name!r} with {count}" if count else f"{tendon.name!r} without"
+            raise element.error("a tendon with one chamber", got)
+    elif not pulling and not (tendon.stiffness or tendon.damping):
         expected = "a tendon with an actuator, a spring or a damper"
         raise element.error(expected, f"{tendon.name!r} without")

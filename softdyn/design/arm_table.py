@@ -73,9 +73,9 @@ def read_arm(table: TomlTable) -> Arm:
     pushed = {chamber.name: (chamber.name,) for chamber in chambers} | pushed
     motors = tuple(_motor(item, groups) for item in table.tables("motor"))
     motors += tuple(_valve(item, pushed) for item in table.tables("valve"))
-    every = groups | pushed
+    lines = groups, pushed
     sensors = tuple(
-        _sensor(item, k, every, sections) for k, item in enumerate(table.tables("sensor"), 1)
+        _sensor(item, k, lines, sections) for k, item in enumerate(table.tables("sensor"), 1)
     )
     with errors_in(table.where):
         arm = Arm(
@@ -348,17 +348,22 @@ def _named_cables(
 def _sensor(
     table: TomlTable,
     k: int,
-    groups: Mapping[str, tuple[str, ...]],
+    lines: tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]],
     sections: Sequence[Section],
 ) -> ArmSensor:
+    """A sensor of an arm with these cables and chambers, by their names and their tables'."""
     kind = table.choice("type", SENSORS)
     cables: tuple[str, ...] = ()
     points: tuple[float, ...] = ()
     joint, units = "", tuple(dict.fromkeys(kind.form.quantities))
     frame: dict[str, Any] = {}
     place = kind.form.place
-    if "tendon" in place:
-        cables = _named_cables(table, groups)
+    if kind is SensorKind.PRESSURE:
+        if not lines[1]:
+            raise InputError(table.where, "a [[chamber]] for it", "none")
+        cables = _named_cables(table, lines[1], "chambers")
+    elif "tendon" in place:
+        cables = _named_cables(table, lines[0] | lines[1])
     elif "joint" in place:
         joint = table.text("joint")
         freedom = FREEDOMS.get(joint.rpartition("_")[0])

@@ -322,6 +322,12 @@ def _tension(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None
     out.by_u[rows] = pulls
 
 
+def _pressure(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
+    chambers = np.array([actuator.is_chamber for actuator in at.tree.robot.actuators])
+    chosen = np.where(at.tree.actuated == place.number, chambers, 0.0)
+    out.values[rows], out.by_u[rows] = chosen @ at.u, chosen
+
+
 def _joint(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
     out.values[rows] = at.tree.coordinates(at.tree_q)[place.number]
     out.by_q[rows] = at.projected(np.eye(1, at.tree.nv, place.number))
@@ -391,6 +397,7 @@ READERS = {
     SensorKind.ACCELEROMETER: _accelerometer,
     SensorKind.JOINT: _joint,
     SensorKind.BEND: _bend,
+    SensorKind.PRESSURE: _pressure,
 }
 
 

@@ -118,7 +118,7 @@ def test_a_sensor_s_frame_and_sizes() -> None:
     sizes = {kind.value: kind.size for kind in SensorKind}
     assert sizes == {
         "length": 1, "tension": 1, "position": 3, "pose": 6, "gyro": 3, "accelerometer": 3,
-        "joint": 1, "bend": 1,
+        "joint": 1, "bend": 1, "pressure": 1,
     }  # fmt: skip
     sensor = Sensor("s", SensorKind.GYRO, link="pad", xyz=(1.0, 2.0, 3.0), rpy=(0, 0, np.pi / 2))
     np.testing.assert_array_equal(sensor.origin.translation, [1, 2, 3])

@@ -146,6 +146,8 @@ def sensors(draw: st.DrawFn, name: str) -> Sensor:
         "xyz": st.tuples(NUMBER, NUMBER, NUMBER), "rpy": st.tuples(NUMBER, NUMBER, NUMBER),
     }  # fmt: skip
     place = {name: draw(values[name]) for name in kind.form.place}
+    if kind is SensorKind.PRESSURE:
+        place = {"tendon": "drive"}
 
     def components(value: st.SearchStrategy[float]) -> tuple[float, ...]:
         size = draw(st.sampled_from([1, kind.size]))
@@ -164,10 +166,12 @@ def sensors(draw: st.DrawFn, name: str) -> Sensor:
 
 @st.composite
 def rigs(draw: st.DrawFn) -> Robot:
-    """The arm with an elastic slack cable and any rig."""
+    """The arm with an elastic slack cable, a chamber and any rig."""
     flexor, cable, drive = ROBOT.tendons
     cable = replace(cable, stiffness=draw(POSITIVE), damping=draw(SHARE), slack=draw(st.booleans()))
     pull = [draw(actuators(f"u{k}")) for k in range(draw(st.integers(0, 3)))]
+    ends = sorted([draw(NUMBER), draw(NUMBER)])
+    pull.append(Actuator("air", "drive", draw(POSITIVE), *ends, lag=draw(SHARE), unit="Pa"))
     read = [draw(sensors(f"s{k}")) for k in range(draw(st.integers(0, 3)))]
     return replace(
         ROBOT, tendons=(flexor, cable, drive), actuators=tuple(pull), sensors=tuple(read)
@@ -183,13 +187,18 @@ def test_what_is_written_is_read_back_as_an_equal_robot(robot: Robot) -> None:
     assert replace(written, xml=robot.xml).digest == robot.digest
 
 
+AIR = '<actuator name="air" tendon="drive" gear="1e-6" lower="0" upper="1e5" unit="Pa"/>'
+
+
 @pytest.mark.parametrize("kind", SensorKind)
 def test_every_kind_of_sensor_is_read(kind: SensorKind) -> None:
     place = {
         SensorKind.LENGTH: 'tendon="cable"', SensorKind.TENSION: 'tendon="cable"',
-        SensorKind.JOINT: 'joint="twist"', SensorKind.BEND: 'link="base" to="pad"',
+        SensorKind.PRESSURE: 'tendon="drive"', SensorKind.JOINT: 'joint="twist"',
+        SensorKind.BEND: 'link="base" to="pad"',
     }.get(kind, 'link="pad"')  # fmt: skip
-    text = ARM.replace("<task", f'<sensor name="s" type="{kind.value}" {place}/><task')
+    more = f'{AIR}<sensor name="s" type="{kind.value}" {place}/><task'
+    text = ARM.replace("<task", more)
     (sensor,) = parse_text(text, path=Path("arm.urdf")).sensors
     assert sensor.kind is kind
 

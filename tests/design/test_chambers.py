@@ -11,10 +11,14 @@ import mujoco
 import numpy as np
 import pytest
 
+import softdyn
 from softdyn import InputError, SoftModel, design, statics
+from softdyn.description.readings import ReadingLayout
 from softdyn.description.robot import Robot
 from softdyn.description.urdf import parse_text
 from softdyn.design import Arm, Cable, CableMotor, Chamber, Damping, Material, Mount, Section
+from softdyn.sensing import Sensors
+from softdyn.validation import Rig, rollout
 from softdyn.validation.mjcf import export
 from tests.support.arms import loaded
 
@@ -148,6 +152,47 @@ def test_the_same_pressures_in_mujoco_bend_the_exported_arm_the_same(tmp_path: P
     np.testing.assert_allclose(found, q, atol=1e-9)
 
 
+VALVE = """\
+[[sensor]]
+type = "pressure"
+name = "gauge"
+noise_Pa = 0
+resolution_kPa = 0
+[[sensor]]
+type = "pressure"
+name = "bar"
+chambers = ["base"]
+bias_bar = 0.1
+"""
+
+
+def test_a_pressure_follows_its_valve_in_the_twin(tmp_path: Path) -> None:
+    """A step through a first-order lag: p (1 - exp(-(t - delay)/τ)), and the bias of a gauge."""
+    text = TEXT.replace("rate_kPa_s = 400\n", "") + VALVE
+    file = tmp_path / "arm.urdf"
+    file.write_text(design.read(tomllib.loads(text), "arm.toml").text, encoding="utf-8")
+    model = softdyn.load(file)
+    u = np.array([0.0, 8e4, 0.0, 3e4, -2e4])
+    names = [f"gauge_{name}" for name in ("base_1", "base_2", "base_3", "long")]
+    log = rollout(model, u, 0.2, period=0.005, timestep=5e-4, rig=Rig(seed=0))
+    columns = list(ReadingLayout(model.robot.sensors).names)
+    seen = {name: log.measured[:, columns.index(name)] for name in columns}
+    late = np.maximum(log.t - 0.005, 0.0)
+    for name, p in zip(names, u[1:4], strict=False):
+        expected = p * (1 - np.exp(-late / 0.05))
+        np.testing.assert_allclose(seen[name], expected, atol=0.02 * 8e4)
+    assert seen["gauge_long"][-1] == pytest.approx(-2e4)
+    np.testing.assert_allclose(seen["bar_base_1"] - seen["gauge_base_1"], 1e4)
+    assert ReadingLayout(model.robot.sensors).units(model.robot)[-1] == "Pa"
+    row = columns.index("gauge_base_1")
+    state = model.state(model.q0, np.zeros(model.nv))
+    assert model.measure(state, u).values[row] == 8e4
+    more = [model.measure(state, u + step).values[row] for step in np.eye(model.nu)]
+    assert np.array(more) - 8e4 == pytest.approx([0, 1, 0, 0, 0])
+    _, by_state = Sensors(model).predict(model.q0, np.zeros(model.nv), u)
+    assert not by_state[row].any()
+
+
 TEXT = """\
 name = "pushed"
 [material]
@@ -235,6 +280,9 @@ WRONG = {
     "a section and an end": ('section = "low"', 'section = "low"\nto = "up"', "to: expected"),
     "a valve of a cable": ('["base"]', '["rope"]', "chambers: expected base_1 or"),
     "a valve alone": (TEXT[TEXT.index("[[chamber]]") : TEXT.index("[[valve]]")], "", "none"),
+    "a gauge on a cable": ("[[sensor]]\ntype = \"length\"\ncables = [\"long\", \"rope\"]",
+                           "[[sensor]]\ntype = \"pressure\"\nchambers = [\"rope\"]",
+                           "chambers: expected base_1 or"),
     "two valves": ('["base"]\n', '["base", "base_1"]\n[[valve]]\n', "one motor of cable 'base_1'"),
     "one name": ('name = "long"', 'name = "rope"', "a unique name of each cable and chamber"),
 }  # fmt: skip

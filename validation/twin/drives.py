@@ -38,8 +38,10 @@ FIRST_PARTS = {
     SensorKind.GYRO: (_SENSOR.mjSENS_GYRO,),
     SensorKind.ACCELEROMETER: (_SENSOR.mjSENS_ACCELEROMETER,),
     SensorKind.BEND: (_SENSOR.mjSENS_FRAMEXAXIS,),
+    SensorKind.PRESSURE: (),
 }
-"""MuJoCo's sensors of each kind; a tension also has the force of each actuator."""
+"""MuJoCo's sensors of each kind; a tension also has the force of each actuator. A pressure is that
+of its chamber, whose gear is the area."""
 COMPOSED = {
     SensorKind.TENSION: "its sum; the length, rate and forces are written",
     SensorKind.BEND: "its angle, atan2(y, x) of the axis that is written",
@@ -85,6 +87,12 @@ def parts(robot: Robot, sensor: Sensor) -> list[SensorPart]:
         found += [
             SensorPart(_SENSOR.mjSENS_ACTUATORFRC, _OBJECT.mjOBJ_ACTUATOR, motor)
             for motor in pulling(robot, sensor.tendon)
+        ]
+    if sensor.kind is SensorKind.PRESSURE:
+        found += [
+            SensorPart(_SENSOR.mjSENS_ACTUATORFRC, _OBJECT.mjOBJ_ACTUATOR, one.name)
+            for one in robot.actuators
+            if one.is_chamber and one.tendon == sensor.tendon
         ]
     return found
 
