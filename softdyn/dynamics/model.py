@@ -97,7 +97,7 @@ class SoftModel(Protocol):
         """Whether a spring or a damper is not linear."""
         return self.tendon_curves is not None or curves_of(self.robot.joints) is not None
 
-    @property
+    @cached_property
     def stretches(self) -> bool:
         """Whether a tendon has a spring or a damper."""
         linear = self.tendon_stiffness.any() or self.tendon_damping.any()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -32,10 +32,43 @@ from softdyn.dynamics.forces import (
     total_energy,
     total_force,
 )
-from softdyn.dynamics.model import SoftModel, State, StateBatch, check_batch, taut_gains
+from softdyn.dynamics.model import (
+    SoftModel,
+    State,
+    StateBatch,
+    check_batch,
+    taut_gains,
+    taut_slopes,
+)
 from softdyn.dynamics.points import BodyPoint
 from softdyn.dynamics.tendons import TendonGeometry, compile_tendons
 from softdyn.exceptions import InputError
+
+
+class PassiveForces(NamedTuple):
+    """Springs, dampers and elastic tendons at one state.
+
+    Attributes
+    ----------
+    K, D : ndarray, (n,), (n, n)
+        As those of a State.
+    gain, damping : ndarray, (tendons,)
+        Derivatives of each tendon's pull by its length and rate, zero for a slack one.
+    tension : ndarray, (tendons,)
+        The pull of each tendon by both (N).
+    stiffness : ndarray, (n,)
+        Derivative of each joint spring's force.
+    by_v : ndarray, (n, n)
+        ∂(D q̇)/∂q̇, which is D where the dampers are linear.
+    """
+
+    K: np.ndarray
+    D: np.ndarray
+    gain: np.ndarray
+    damping: np.ndarray
+    tension: np.ndarray
+    stiffness: np.ndarray
+    by_v: np.ndarray
 
 
 class TreeModel(SoftModel):
@@ -306,7 +339,7 @@ class TreeModel(SoftModel):
         lengths, arms = kernels.tip_terms(tip_and_lengths)[2], self._fixed_arms
         if self._spatial:
             arms, _ = kernels.tendon_terms(joint_rows, len(lengths))
-        K[:], D = self._springs_and_dampers(coordinates, lengths, arms, v)
+        K[:], D, *_ = self.passive_forces(coordinates, lengths, arms, v)
         h[:] = bias + D @ v + K
         return D
 
@@ -331,7 +364,7 @@ class TreeModel(SoftModel):
         if self.tendons.spatial:
             arms = geometry.moment_arms
             B = self._input_matrix(arms)
-        K, D = self._springs_and_dampers(coordinates, lengths, arms, v)
+        K, D, *_ = self.passive_forces(coordinates, lengths, arms, v)
         terms = {
             "q": q, "v": v, "M": M, "bias": data.nle, "K": K, "D": D, "h": data.nle + D @ v + K,
             "J": J, "Jdot": Jdot, "y": y, "ydot": J @ v, "lengths": lengths, "moment_arms": arms,
@@ -367,7 +400,7 @@ class TreeModel(SoftModel):
         else:
             q, v, B = self._read(q), vector("v", v, self.nv), self._fixed_B
             at = self.chart.of(q)
-            K, D = self._springs_and_dampers(at, self._geometry(at).lengths, self._fixed_arms, v)
+            K, D, *_ = self.passive_forces(at, self._geometry(at).lengths, self._fixed_arms, v)
         tau = B @ u - D @ v - K
         if self._forces:
             tau += self.forces_at(q, v)
@@ -564,22 +597,42 @@ class TreeModel(SoftModel):
     def _damping_matrix(self, arms: np.ndarray, tendon_damping: np.ndarray) -> np.ndarray:
         return np.diag(self.damping) + arms.T @ (tendon_damping[:, None] * arms)
 
-    def _springs_and_dampers(
+    def passive_forces(
         self, coordinates: np.ndarray, lengths: np.ndarray, arms: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """K (n,) and D (n, n) of a State."""
+    ) -> PassiveForces:
+        """Springs, dampers and elastic tendons, for a State and for `ForceBalance`.
+
+        Parameters
+        ----------
+        coordinates, v : ndarray, (n,)
+            Joint coordinates and velocities.
+        lengths, arms : ndarray, (tendons,), (tendons, n)
+            The tendons' lengths and moment arms there.
+        """
         gain, damping, D = self.tendon_stiffness, self.tendon_damping, self._fixed_D
-        stiffness, stretch = self.stiffness, coordinates - self.rest
+        stretch = coordinates - self.rest
+        K = self.stiffness * stretch
+        if not self.stretches and not self._curved:
+            return PassiveForces(K, D, gain, damping, gain, self.stiffness, D)
+        rates = arms @ v
         if self._slackens or self._curved:
-            gain, damping = taut_gains(self, lengths, arms @ v)
+            gain, damping = taut_gains(self, lengths, rates)
         if self._slackens or self._curved or self.tendons.spatial:
             D = self._damping_matrix(arms, damping)
+        pull = gain * (lengths - self.tendon_rest)
+        K, tension = K + arms.T @ pull, pull + damping * rates
+        if not self._curved:
+            return PassiveForces(K, D, gain, damping, tension, self.stiffness, D)
+        gain, damping = taut_slopes(self, lengths, rates)
+        by_v, stiffness = self._damping_matrix(arms, damping), self.stiffness
         if self.joint_curves is not None:
             more, resisting = self.joint_curves.secants(stretch, v)
-            stiffness = stiffness + more
+            K += more * stretch
             D.flat[:: self.nv + 1] += resisting
-        pull = gain * (lengths - self.tendon_rest)
-        return stiffness * stretch + arms.T @ pull, D
+            more, resisting = self.joint_curves.tangents(stretch, v)
+            stiffness = stiffness + more
+            by_v.flat[:: self.nv + 1] += resisting
+        return PassiveForces(K, D, gain, damping, tension, stiffness, by_v)
 
 
 def tree_of(model: SoftModel) -> TreeModel:
