@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from softdyn.description.library import find
 from softdyn.description.urdf import parse
 from softdyn.description.urdf_writer import write
+from softdyn.dynamics.forces import check_forces
 from softdyn.exceptions import UrdfError
 from softdyn.validation.files import write_text
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
@@ -35,6 +38,7 @@ def write_mjcf(
     repair_inertia: bool = False,
     shapes: bool = True,
     contacts: bool = False,
+    forces: Iterable[Any] = (),
 ) -> Outcome:
     """Write a URDF as MJCF.
 
@@ -49,6 +53,8 @@ def write_mjcf(
         Whether to write the visual shapes.
     contacts : bool
         Whether the collision shapes can touch.
+    forces : iterable of Force
+        Forces of one's own that act on the robot; no MJCF states them.
 
     Returns
     -------
@@ -63,6 +69,7 @@ def write_mjcf(
     robot = parse(
         find(source), annotations=annotations, floating=floating, repair_inertia=repair_inertia
     )
+    robot = replace(robot, forces=check_forces(tuple(forces)))
     write_text(str(target), to_mjcf(robot, shapes=shapes, contacts=contacts))
     return _compared(from_urdf(robot), neutral(target)), tuple(lost(robot))
 
