@@ -4,7 +4,8 @@ With the joint forces of springs, dampers, tendons and disturbances, the balance
 
     r = M a + C v + g + D v + K - B u - F - E d.
 
-F is the sum of one's own forces (`softdyn.dynamics.forces`).
+F is the sum of one's own forces (`softdyn.dynamics.forces`). K, D and F are the tree's own: a State
+in NumPy has them from the same place (`TreeModel.passive_forces`, `TreeModel.forces_at`).
 
 Pinocchio's RNEA derivatives (Carpentier and Mansard 2018) give M a + C v + g, its Jacobians, M, the
 joint Jacobian and the placements at once.
@@ -38,7 +39,7 @@ from softdyn.checks import vector
 from softdyn.description.rig import Actuator
 from softdyn.description.robot import sliding
 from softdyn.dynamics.engine import Scratch
-from softdyn.dynamics.model import SoftModel, check_model, taut_gains
+from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.points import BodyPoint
 from softdyn.dynamics.projection import Projection, underlying_tree
 from softdyn.dynamics.winches import Winches
@@ -100,26 +101,6 @@ class BalanceTerms(NamedTuple):
     inputs: np.ndarray
 
 
-class TendonPull(NamedTuple):
-    """The forces along the tendons.
-
-    Attributes
-    ----------
-    force, gain, damping : ndarray, (tendons,)
-        f, -∂f/∂ℓ and -∂f/∂ℓ̇.
-    slope : ndarray, (tendons, m)
-        -∂f by the commands.
-    inputs : ndarray, (m,)
-        The inputs that act.
-    """
-
-    force: np.ndarray
-    gain: np.ndarray
-    damping: np.ndarray
-    slope: np.ndarray
-    inputs: np.ndarray
-
-
 class ForceBalance:
     """The balance of a robot's joint forces.
 
@@ -153,10 +134,10 @@ class ForceBalance:
             self._point = Scratch(_point_mass(tree.engine, self._tip))
         motors = model.robot.actuators if motors is None else motors
         self._winches = Winches(model, motors) if any(one.is_winch for one in motors) else None
-        self._stretches = bool(tree.tendon_stiffness.any() or tree.tendon_damping.any())
+        self._pulls_back = self._winches is not None or tree.stretches
         self._gears = np.zeros((len(tree.tendons.names), tree.nu))
         self._gears[tree.actuated, np.arange(tree.nu)] = tree.gear
-        self._slope, self._none = -self._gears, np.zeros(len(self._gears))
+        self._slope = -self._gears
 
     def __call__(
         self,
@@ -213,20 +194,32 @@ class ForceBalance:
         by_q, by_v, M = (np.array(block.reshape(n, n), order="C") for block in blocks)
         r, geometry = np.array(data.tau), tree.tendons.at(coordinates, *tree.last_kinematics())
         lengths, arms = geometry.lengths, geometry.moment_arms
-        pull = self._pull(lengths, arms, v, commands)
-        r += tree.stiffness * (coordinates - tree.rest) + tree.damping * v - pull.force @ arms
+        passive, u, slope = (
+            tree.passive_forces(coordinates, lengths, arms, v),
+            commands,
+            self._slope,
+        )
+        gain, damping = passive.gain, passive.damping
+        by_v += passive.D
+        if self._winches is not None:
+            found = self._winches.inputs(lengths, arms @ v, commands)
+            u, slope = found[0], slope * found[3]
+            by_length, by_rate = (self._gears @ one for one in found[1:3])
+            gain, damping = gain - by_length, damping - by_rate
+            by_v -= arms.T @ (by_rate[:, None] * arms)
+        pull = self._gears @ u
+        r += passive.K + passive.D @ v - pull @ arms
         by_q.flat[:: n + 1] += tree.stiffness
-        by_v.flat[:: n + 1] += tree.damping
-        if pull.gain is not self._none:
-            by_q += arms.T @ (pull.gain[:, None] * arms)
-            by_v += arms.T @ (pull.damping[:, None] * arms)
+        if self._pulls_back:
+            by_q += arms.T @ (gain[:, None] * arms)
         if tree.tendons.spatial:
-            bend, rates = geometry.curvature(pull.force, v)
+            force = pull - passive.tension if self._pulls_back else pull
+            bend, turning = geometry.curvature(force, v)
             by_q -= bend
-            if pull.damping.any():
-                by_q += arms.T @ (pull.damping[:, None] * rates)
+            if self._pulls_back and damping.any():
+                by_q += arms.T @ (damping[:, None] * turning)
         by_d = np.zeros((n, self._size))
-        terms = BalanceTerms(r, by_q, by_v, M, arms.T @ pull.slope, by_d, pull.inputs)
+        terms = BalanceTerms(r, by_q, by_v, M, arms.T @ slope, by_d, u)
         if self._size:
             self._add_disturbances(terms, coordinates, here, v, a, d)
         if tree.forces:  # last, because they may use the engine
@@ -234,27 +227,6 @@ class ForceBalance:
             for term, part in zip((r, by_q, by_v), own, strict=True):
                 term -= part
         return terms
-
-    def _pull(
-        self, lengths: np.ndarray, arms: np.ndarray, v: np.ndarray, commands: np.ndarray
-    ) -> TendonPull:
-        """The forces along the tendons."""
-        winches, tree = self._winches, self._tree
-        if winches is None and not self._stretches:
-            return TendonPull(self._gears @ commands, self._none, self._none, self._slope, commands)
-        rates = arms @ v
-        gain, damping = (np.array(x) for x in taut_gains(tree, lengths, rates))
-        pull, slope, u = (
-            gain * (lengths - tree.tendon_rest) + damping * rates,
-            self._slope,
-            commands,
-        )
-        if winches is not None:
-            u, by_length, by_rate, by_command = winches.inputs(lengths, rates, commands)
-            gain -= self._gears @ by_length
-            damping -= self._gears @ by_rate
-            slope = slope * by_command
-        return TendonPull(self._gears @ u - pull, gain, damping, slope, u)
 
     def _add_disturbances(
         self, terms: BalanceTerms, coordinates: np.ndarray, q: np.ndarray, v: np.ndarray,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -37,6 +37,26 @@ from softdyn.dynamics.tendons import TendonGeometry, compile_tendons
 from softdyn.exceptions import InputError
 
 
+class PassiveForces(NamedTuple):
+    """Springs, dampers and elastic tendons at one state.
+
+    Attributes
+    ----------
+    K, D : ndarray, (n,), (n, n)
+        As those of a State.
+    gain, damping : ndarray, (tendons,)
+        Stiffness and damping of each tendon, zero for a slack one.
+    tension : ndarray, (tendons,)
+        The pull of each tendon by both (N).
+    """
+
+    K: np.ndarray
+    D: np.ndarray
+    gain: np.ndarray
+    damping: np.ndarray
+    tension: np.ndarray
+
+
 class TreeModel(SoftModel):
     """The model of a robot without mimic joints.
 
@@ -54,6 +74,8 @@ class TreeModel(SoftModel):
         numbers that were copied from it, so that it must not change.
     pin_data : pinocchio.Data
         Its scratch memory in the calling thread.
+    stretches : bool
+        Whether a tendon has a stiffness or a damping.
     unforced : TreeModel
         The same model without forces of one's own; forces are called with it.
     gear : ndarray, (m,)
@@ -121,6 +143,7 @@ class TreeModel(SoftModel):
         self._fixed_arms = read_only(self.tendons.coefficients)
         self._fixed_B = read_only(self._input_matrix(self._fixed_arms))
         self._fixed_D = read_only(self._damping_matrix(self._fixed_arms, self.tendon_damping))
+        self.stretches = bool(self.tendon_stiffness.any() or self.tendon_damping.any())
         self._pack(moves)
         self._points: dict[tuple[str | float, ...], BodyPoint] = {}
         self._take_forces()
@@ -253,7 +276,7 @@ class TreeModel(SoftModel):
         if self.tendons.spatial:
             arms = geometry.moment_arms
             B = self._input_matrix(arms)
-        K, D = self._springs_and_dampers(coordinates, lengths, arms, v)
+        K, D, *_ = self.passive_forces(coordinates, lengths, arms, v)
         terms = {
             "q": q, "v": v, "M": M, "bias": data.nle, "K": K, "D": D, "h": data.nle + D @ v + K,
             "J": J, "Jdot": Jdot, "y": y, "ydot": J @ v, "lengths": lengths, "moment_arms": arms,
@@ -289,7 +312,7 @@ class TreeModel(SoftModel):
         else:
             q, v, B = self._read(q), vector("v", v, self.nv), self._fixed_B
             at = self.chart.of(q)
-            K, D = self._springs_and_dampers(at, self._geometry(at).lengths, self._fixed_arms, v)
+            K, D, *_ = self.passive_forces(at, self._geometry(at).lengths, self._fixed_arms, v)
         tau = B @ u - D @ v - K
         if self._forces:
             tau += self.forces_at(q, v)
@@ -481,17 +504,29 @@ class TreeModel(SoftModel):
     def _damping_matrix(self, arms: np.ndarray, tendon_damping: np.ndarray) -> np.ndarray:
         return np.diag(self.damping) + arms.T @ (tendon_damping[:, None] * arms)
 
-    def _springs_and_dampers(
+    def passive_forces(
         self, coordinates: np.ndarray, lengths: np.ndarray, arms: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """K (n,) and D (n, n) of a State."""
+    ) -> PassiveForces:
+        """Springs, dampers and elastic tendons, for a State and for `ForceBalance`.
+
+        Parameters
+        ----------
+        coordinates, v : ndarray, (n,)
+            Joint coordinates and velocities.
+        lengths, arms : ndarray, (tendons,), (tendons, n)
+            The tendons' lengths and moment arms there.
+        """
         gain, damping, D = self.tendon_stiffness, self.tendon_damping, self._fixed_D
+        K = self.stiffness * (coordinates - self.rest)
+        if not self.stretches:
+            return PassiveForces(K, D, gain, damping, gain)
+        rates = arms @ v
         if self._slackens:
-            gain, damping = taut_gains(self, lengths, arms @ v)
+            gain, damping = taut_gains(self, lengths, rates)
         if self._slackens or self.tendons.spatial:
             D = self._damping_matrix(arms, damping)
         pull = gain * (lengths - self.tendon_rest)
-        return self.stiffness * (coordinates - self.rest) + arms.T @ pull, D
+        return PassiveForces(K + arms.T @ pull, D, gain, damping, pull + damping * rates)
 
 
 def tree_of(model: SoftModel) -> TreeModel:

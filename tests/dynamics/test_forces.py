@@ -14,16 +14,19 @@ from scipy.optimize import fsolve
 import softdyn
 from softdyn import ForceError, InputError, SoftModel, statics
 from softdyn.controllers import Impedance, SoftIdClfQp, best
+from softdyn.controllers.qps.horizon import Horizon
 from softdyn.dynamics import (
     ForceBalance,
     Wrench,
     acceleration_derivatives,
     discrete_step,
+    gravity_stiffness,
     step_implicit,
 )
 from softdyn.estimation import Ekf
 from softdyn.identification.trajectory import Start, follow
 from softdyn.sensing import Sensor, SensorKind
+from softdyn.statics.zero_dynamics import examine
 from tests.support.arms import PROJECTIONS
 from tests.support.micro import FLOATING, GRIPPER, write
 from tests.support.oracles import gradient, relative
@@ -255,6 +258,27 @@ def test_controllers_see_it_in_h(controller):
     found = controller(wet, **more)(wet.state(q, 0.01 * v), goal)
     np.testing.assert_allclose(found.u, own.u, rtol=1e-9, atol=1e-9)
     assert np.abs(found.u - controller(helix, **more)(dry, goal).u).max() > 1e-6
+
+
+def test_the_horizon_of_the_hold_has_its_derivatives():
+    finger, tau = softdyn.load("finger"), 0.02
+    wet, (q, v, _) = finger.with_forces(ExactToy()), random_state(finger)
+    state, (by_q, by_v) = wet.state(q, v), ExactToy().derivatives(finger, q, v)
+    stiffness = finger.tangent_stiffness(q) - by_q
+    M, h = Horizon(wet, tau)(state)
+    np.testing.assert_allclose(M, state.M + tau * (state.D - by_v) + tau**2 * stiffness, rtol=1e-12)
+    np.testing.assert_allclose(h, state.h + tau * stiffness @ v, rtol=1e-12)
+
+
+def test_directions_without_an_input_have_its_stiffness():
+    finger = softdyn.load("finger")
+    at = random_state(finger)[0]
+    dry, wet = examine(finger, at), examine(finger.with_forces(ExactToy()), at)
+    own = 3 * 0.2 * np.diag(at**2)
+    U = dry.unactuated
+    whole = finger.tangent_stiffness(at) + gravity_stiffness(finger, at) + own
+    np.testing.assert_allclose(wet.stiffness, np.linalg.eigvalsh(U @ whole @ U.T), rtol=1e-8)
+    assert np.abs(wet.stiffness - dry.stiffness).max() > 1e-3
 
 
 def test_best_holds_the_tip_against_it():

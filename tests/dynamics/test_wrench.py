@@ -86,6 +86,44 @@ def test_mujoco_applies_the_same_force(model, axes):
     assert compared
 
 
+class Drag:
+    """A drag of each link by its velocity, with one coefficient a link."""
+
+    name = "drag"
+
+    def __init__(self, coefficients: dict[str, float]) -> None:
+        self.coefficients = coefficients
+
+    def __call__(self, model, q, v):
+        total = np.zeros(model.nv)
+        for link, coefficient in self.coefficients.items():
+            J = model.link_jacobian(q, link)[:3]
+            total -= coefficient * J.T @ (J @ v)
+        return total
+
+
+@pytest.mark.parametrize("model", JUDGED, indirect=True, ids=str)
+def test_a_drag_is_that_of_mujocos_own_velocities(model):
+    twin, rng = Twin(model), np.random.default_rng(4)
+    judge, q = MujocoTerms(twin, StateMap(model, twin)), random_configuration(model)
+    v = rng.normal(size=model.nv)
+    judge.set_state(q, v)
+    engine, data, coefficients, found = judge._model, judge._data, {}, np.zeros(judge._model.nv)
+    for body in range(1, engine.nbody):
+        link = engine.body(body).name
+        if link not in {one.name for one in model.robot.links}:
+            continue
+        coefficients[link] = rng.uniform(0.1, 1.0)
+        velocity, jacobian = np.zeros(6), np.zeros((3, engine.nv))
+        kind = mujoco.mjtObj.mjOBJ_XBODY
+        mujoco.mj_objectVelocity(engine, data, kind, body, velocity, 0)
+        mujoco.mj_jacBody(engine, data, jacobian, None, body)
+        found -= coefficients[link] * jacobian.T @ velocity[3:]
+    assert coefficients
+    wet = model.with_forces(Drag(coefficients))
+    assert relative(wet.forces_at(q, v), judge._map.T @ found) < 1e-12
+
+
 def test_it_is_the_disturbance_at_the_tip(model):
     wet, q = model.with_forces(Wrench(model.robot.task, FORCE)), random_configuration(model)
     v, u = np.ones(model.nv), np.zeros(model.nu)
