@@ -41,11 +41,12 @@ from softdyn.checks import array, number, read_only, vector
 from softdyn.description.robot import (
     MOST_FRICTION,
     JointTerm,
+    PathEnd,
     Robot,
     Site,
     Tendon,
     Wrap,
-    from_driven_end,
+    driven_end,
 )
 from softdyn.dynamics.derivatives import Derivatives, tendon_curvature, tendon_forces
 from softdyn.dynamics.engine import moved_bodies
@@ -106,16 +107,12 @@ class Capstan:
         self.friction = read_only([guide.friction for _, guide in found])
         pieces = tuple(guide.piece for _, guide in found)
         self._pieces = compile_tendons(pieces, dof, tree.anchor, self._moves)
-        places = [guide.place for _, guide in found]
-        at_joint = np.array([isinstance(place, str) for place in places], bool)
-        at_site = np.array([isinstance(place, tuple) for place in places], bool)
-        self._at_joints, self._at_sites = np.flatnonzero(at_joint), np.flatnonzero(at_site)
-        self._dof = np.array([dof[place] for place in places if isinstance(place, str)], int)
+        guides = [guide for _, guide in found]
+        self._at_joints = np.flatnonzero([guide.joint is not None for guide in guides])
+        self._at_sites = np.flatnonzero([guide.sites != () for guide in guides])
+        self._dof = np.array([dof[one.joint] for one in guides if one.joint is not None], int)
         anchors = [
-            tree.anchor(site.link, np.array(site.xyz))
-            for place in places
-            if isinstance(place, tuple)
-            for site in place
+            tree.anchor(site.link, np.array(site.xyz)) for guide in guides for site in guide.sites
         ]
         self._bodies = np.array([body for body, _ in anchors], int)
         self._offsets = np.array([xyz for _, xyz in anchors], float).reshape(-1, 3, 1)
@@ -362,26 +359,30 @@ class Guides:
 
 
 class _Guide(NamedTuple):
-    """A guide of a tendon.
+    """A guide of a tendon: a joint, a site or a round body.
 
     Attributes
     ----------
-    place : str or tuple of Site or Wrap
-        A joint, or three sites around one, or a round body.
     friction : float
         Its coefficient μ.
     piece : Tendon
         The piece of cable behind it; empty if that lies beside a round body.
-    half : tuple of (Wrap, int) or None
-        Then this body, and which of the two sites beside it, 0 or 1, the piece leads to.
+    joint : str or None
+        The joint.
+    sites : tuple of Site
+        The site, between the one before it and the one behind it; else empty.
+    body : Wrap or None
+        The round body.
     before, behind : tuple of (Wrap, int) or None
-        Likewise the bodies before and behind the site.
+        The round body, this one included, beside which the cable lies before a site or behind a
+        guide, and which of the two sites beside the body, 0 or 1, this piece leads to.
     """
 
-    place: str | tuple[Site, ...] | Wrap
     friction: float
     piece: Tendon
-    half: tuple[Wrap, int] | None = None
+    joint: str | None = None
+    sites: tuple[Site, ...] = ()
+    body: Wrap | None = None
     before: tuple[Wrap, int] | None = None
     behind: tuple[Wrap, int] | None = None
 
@@ -414,12 +415,12 @@ class _Around(NamedTuple):
         turns, halves, row = [], [], 0
         beside: tuple[list[tuple[int, ...]], list[tuple[int, ...]]] = [], []
         for g, (t, guide) in enumerate(found):
-            if isinstance(guide.place, Wrap):
-                turns.append((g, number[t, guide.place.after]))
-            if guide.half is not None:
-                wrap, end = guide.half
+            if guide.body is not None:
+                turns.append((g, number[t, guide.body.after]))
+            if guide.behind is not None:
+                wrap, end = guide.behind
                 halves.append((g, number[t, wrap.after], end))
-            if isinstance(guide.place, tuple):
+            if guide.sites:
                 for there, rows in zip((guide.before, guide.behind), beside, strict=True):
                     if there is not None:
                         rows.append((row, number[t, there[0].after], there[1]))
@@ -433,15 +434,14 @@ class _Around(NamedTuple):
 
 def _guides(robot: Robot, tendon: Tendon, friction: float) -> Iterator[_Guide]:
     """A tendon's guides with the piece behind each, from the driven end."""
-    path = from_driven_end(robot, tendon)
+    forward = driven_end(robot, tendon) is PathEnd.FIRST
     if tendon.sites:
-        yield from _guides_of_path(path, path[0] == tendon.sites[0], tendon, friction)
+        yield from _guides_of_path(tendon, forward, friction)
         return
     kinds = {joint.name: joint.kind for joint in robot.joints}
     found: list[tuple[str, list[JointTerm]]] = []
     behind: list[JointTerm] = []  # the piece behind the last guide; there is none yet
-    for term in path:
-        assert isinstance(term, JointTerm)
+    for term in tendon.terms if forward else tendon.terms[::-1]:
         if kinds[term.joint] == "revolute":
             half = JointTerm(term.joint, term.coef / 2)
             behind.append(half)
@@ -450,26 +450,24 @@ def _guides(robot: Robot, tendon: Tendon, friction: float) -> Iterator[_Guide]:
         else:
             behind.append(term)
     for joint, terms in found:
-        yield _Guide(joint, friction, Tendon(tendon.name, terms=tuple(terms)))
+        yield _Guide(friction, Tendon(tendon.name, terms=tuple(terms)), joint)
 
 
-def _guides_of_path(
-    path: tuple[JointTerm | Site | Wrap, ...], forward: bool, tendon: Tendon, friction: float
-) -> Iterator[_Guide]:
+def _guides_of_path(tendon: Tendon, forward: bool, friction: float) -> Iterator[_Guide]:
     """The inner sites and the round bodies of a path."""
-    far, near = (1, 0) if forward else (0, 1)
-    sites = [part for part in path if isinstance(part, Site)]
-    k, empty = 0, Tendon(tendon.name)
-    for before, here, behind in zip(path, path[1:], path[2:], strict=False):
-        if isinstance(here, Wrap):
-            own = friction if here.friction is None else here.friction
-            yield _Guide(here, own, empty, half=(here, far))
-            continue
-        k += 1
-        three, next_to = tuple(sites[k - 1 : k + 2]), isinstance(behind, Wrap)
-        yield _Guide(
-            three, friction, empty if next_to else Tendon(tendon.name, sites=three[1:]),
-            half=(behind, near) if isinstance(behind, Wrap) else None,
-            before=(before, far) if isinstance(before, Wrap) else None,
-            behind=(behind, near) if isinstance(behind, Wrap) else None,
-        )  # fmt: skip
+    order = 1 if forward else -1
+    sites, far, near = tendon.sites[::order], int(forward), int(not forward)
+    between: list[Wrap | None] = [None] * (len(sites) - 1)
+    for wrap in tendon.wraps:
+        between[wrap.after] = wrap
+    empty, before = Tendon(tendon.name), None
+    for k, body in enumerate(between[::order]):
+        if k > 0:
+            yield _Guide(
+                friction, empty if body else Tendon(tendon.name, sites=sites[k : k + 2]),
+                sites=sites[k - 1 : k + 2], before=before, behind=(body, near) if body else None,
+            )  # fmt: skip
+        before = (body, far) if body else None
+        if body is not None:
+            own = friction if body.friction is None else body.friction
+            yield _Guide(own, empty, body=body, behind=before)

@@ -198,7 +198,7 @@ class Tendon:
 
     The cable rubs on its guides with the coefficient `friction`: see `softdyn.actuation.capstan`.
     Its actuators, its spring and its damper pull at the end `driven`. If that is None, they pull at
-    the end nearer to the base: see `from_driven_end`.
+    the end nearer to the base: see `driven_end`.
     """
 
     name: str
@@ -446,21 +446,18 @@ def moving_bodies(robot: Robot) -> dict[str, Inertia]:
     return bodies
 
 
-def from_driven_end(robot: Robot, tendon: Tendon) -> tuple[JointTerm | Site | Wrap, ...]:
-    """The elements of a tendon's path, from its driven end to the other.
+def driven_end(robot: Robot, tendon: Tendon) -> PathEnd:
+    """The end of a tendon's path at which its actuators pull.
 
-    If the file does not name the driven end, it is the one with fewer moving joints between it and
-    the root; of equals, the first.
+    If the file does not name it, it is the one with fewer moving joints between it and the root; of
+    equals, the first.
     """
-    path = tendon.path
-    end = tendon.driven
-    if end is None:
-        link_of = {joint.name: joint.child for joint in robot.joints}
-        ends = (path[0], path[-1])
-        links = (link_of[e.joint] if isinstance(e, JointTerm) else e.link for e in ends)
-        first, last = (sum(joint.moves for joint in robot.chain(link)) for link in links)
-        end = PathEnd.LAST if last < first else PathEnd.FIRST
-    return path if end is PathEnd.FIRST else path[::-1]
+    if tendon.driven is not None:
+        return tendon.driven
+    link_of = {joint.name: joint.child for joint in robot.joints}
+    links = [site.link for site in tendon.sites] or [link_of[t.joint] for t in tendon.terms]
+    first, last = (sum(one.moves for one in robot.chain(link)) for link in (links[0], links[-1]))
+    return PathEnd.LAST if last < first else PathEnd.FIRST
 
 
 def sliding(robot: Robot, names: Iterable[str]) -> list[bool]:

@@ -16,7 +16,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from softdyn.description.robot import JointTerm
 from softdyn.dynamics.derivatives import total_damping
 from softdyn.dynamics.integrators import step_implicit, step_rk4
 from softdyn.dynamics.model import SoftModel
@@ -157,7 +156,7 @@ def damping_couples_branches(
     arms = state.moment_arms.copy()
     for t, tendon in enumerate(model.robot.tendons):
         if tendon.wraps:  # which of its joints count changes where it touches its bodies
-            links = [part.link for part in tendon.path if not isinstance(part, JointTerm)]
+            links = [site.link for site in tendon.sites] + [wrap.link for wrap in tendon.wraps]
             chains = [{joint.name for joint in model.robot.chain(link)} for link in links]
             moving = set().union(*chains) - chains[0].intersection(*chains)
             arms[t, free:] = [name in moving for name in names]

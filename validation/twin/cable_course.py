@@ -15,7 +15,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from softdyn.description.robot import Robot, Site, Tendon, Wrap, from_driven_end
+from softdyn.description.robot import PathEnd, Robot, Site, Tendon, Wrap, driven_end
 from softdyn.validation.twin.drives import anchor_name, wrap_name
 
 ONE_POINT = 1e-12  # m between two points of a bend
@@ -59,7 +59,7 @@ class CableCourse:
             if isinstance(part, Site | Wrap)
         ]
         # the cable leaves a body at its second point in the file's order, or at its first
-        self._last = int(from_driven_end(robot, tendon)[0] == tendon.path[0])
+        self._last = int(driven_end(robot, tendon) is PathEnd.FIRST)
         self._anchors = {
             k: model.site(anchor_name(tendon, part)).id
             for k, part in enumerate(tendon.path)

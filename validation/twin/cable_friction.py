@@ -23,12 +23,12 @@ import numpy as np
 
 from softdyn.compiled import compiled
 from softdyn.description.robot import (
-    JointTerm,
+    PathEnd,
     Robot,
     Site,
     Tendon,
     Wrap,
-    from_driven_end,
+    driven_end,
     moving_link_of,
 )
 from softdyn.validation.twin.cable_course import CableCourse, Turn, turns_of
@@ -90,11 +90,9 @@ def guides_of(robot: Robot) -> Iterator[Guide]:
             continue
         if not tendon.friction:
             continue
-        path = from_driven_end(robot, tendon)
-        names = [site_name(tendon, k) for k in range(len(path))]
-        names = names if path == tendon.sites else names[::-1]
-        sites = [part for part in path if isinstance(part, Site)]
-        terms = [part for part in path if isinstance(part, JointTerm)]
+        order = 1 if driven_end(robot, tendon) is PathEnd.FIRST else -1
+        sites, terms = tendon.sites[::order], tendon.terms[::order]
+        names = [site_name(tendon, k) for k in range(len(sites))][::order]
         turns: list[tuple[str, ...]] = []
         for k in range(1, len(sites) - 1):
             number += 1
@@ -117,10 +115,9 @@ def guides_of(robot: Robot) -> Iterator[Guide]:
 
 def _around(robot: Robot, tendon: Tendon, number: int) -> Iterator[Guide]:
     """The guides of a cable around round bodies; their elements count from `number` + 1."""
-    path, carrier = from_driven_end(robot, tendon), moving_link_of(robot)
-    turns = turns_of(tendon)
-    forward = path[0] == tendon.path[0]
-    turns = turns if forward else turns[::-1]
+    forward, carrier = driven_end(robot, tendon) is PathEnd.FIRST, moving_link_of(robot)
+    order = 1 if forward else -1
+    path, turns = tendon.path[::order], turns_of(tendon)[::order]
     names = {id(site): site_name(tendon, k) for k, site in enumerate(tendon.sites)}
     met: list[Turn] = []
     for k, part in enumerate(path[1:-1], 1):
