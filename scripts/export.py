@@ -35,15 +35,16 @@ output.add_argument("--csv", metavar="FILE", help="write a log as CSV")
 output.add_argument("--mcap", metavar="FILE", help="write a log as MCAP")
 parser.outputs += ["mjcf", "urdf", "csv", "mcap"]
 cli.add_robot_options(parser)
+cli.add_force_options(parser)
 parser.add_argument("--no-shapes", action="store_true", help="leave out shapes (MJCF: visual ones)")
 parser.add_argument("--contacts", action="store_true", help="MJCF: its links can touch each other")
 cli.add_json(parser)
 parser.unused(
-    "--annotations --floating --repair-inertia --contacts", lambda a: a.urdf,
+    "--annotations --floating --repair-inertia --contacts --force", lambda a: a.urdf,
     "--urdf writes the robot as its file states it",
 )  # fmt: skip
 parser.unused(
-    "--annotations --floating --repair-inertia --root --contacts --no-shapes --json",
+    "--annotations --floating --repair-inertia --root --contacts --no-shapes --force --json",
     lambda a: a.csv or a.mcap, "--csv and --mcap write a log",
 )  # fmt: skip
 
@@ -78,6 +79,7 @@ def command(arguments: cli.Arguments) -> int:
             arguments.mjcf,
             shapes=not arguments.no_shapes,
             contacts=arguments.contacts,
+            forces=cli.make_forces(arguments),
             **loading,
         )
     for note in lost:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn.commands import check, rollout, run, statics
+from softdyn.commands import check, export, rollout, run, statics
 from softdyn.controllers import Impedance
 from softdyn.dynamics import Wrench
 from softdyn.validation import Log, paper, simulate
@@ -49,6 +49,11 @@ def test_the_other_commands_take_it(drag, capsys):
     assert check.main(["finger", "--force", drag, "--samples", "1"]) in (0, 1)
     assert statics.main(["finger", "--inputs", "0.1", "0", "--hold", "0.1", "--force", drag]) == 0
     assert capsys.readouterr().err == ""
+
+
+def test_an_export_lists_it_as_lost(drag, capsys):
+    assert export.main(["finger", "--mjcf", "out.xml", "--force", drag]) == 0
+    assert "lost: the force 'drag'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.description.robot import Robot
 from softdyn.dynamics.forces import differences, energy_of
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.projection import underlying_tree
@@ -191,7 +190,7 @@ def crosscheck(
                 errors = [run.max_error for run in runs if run.duration]
                 errors += [rung.engine_error for ladder in ladders for rung in ladder.rungs]
                 tally.errors["trajectory"] = float(np.max(errors))
-    tolerances = RIG_TOLERANCES | _tolerances(model)
+    tolerances = RIG_TOLERANCES | _tolerances(model) | {FORCE: TOLERANCE_FORCE}
     names = QUANTITIES if trajectories else QUANTITIES[:-1]
     if model.forces:
         names = (*names[:-1], FORCE, names[-1])
@@ -201,10 +200,7 @@ def crosscheck(
             tally.errors[FORCE] = float(np.max(errors))
     if isinstance(twin, Twin):
         rig = [name for name in quantities_of(model) if trajectories or name != "rigged"]
-        # the rig does not depend on forces of one's own
-        plain = rebuild(model, replace(model.robot, forces=()))
-        robot = replace(twin.robot, forces=())
-        runs += _compare_rigs(tally, plain, robot, rig, samples, seed, report)
+        runs += _compare_rigs(tally, model, twin, rig, samples, seed, report)
         names += tuple(rig)
     return CrossCheck(
         model.name, model.nv, model.nu, samples, seed,
@@ -243,13 +239,17 @@ def _verdicts(
 def _compare_rigs(
     tally: Tally,
     model: SoftModel,
-    robot: Robot,
+    twin: Twin,
     rig: list[str],
     samples: int,
     seed: int,
     report: Callable[[str], None],
 ) -> tuple[TrajectoryRun, ...]:
     """Compare the quantities of the rig, at random states and along a trajectory."""
+    robot = twin.robot
+    if robot.forces:  # on which no rig depends
+        model = rebuild(model, replace(model.robot, forces=()))
+        robot = replace(robot, forces=())
     rng = np.random.default_rng((seed, 1))
     states = [name for name in rig if name != "rigged"]
     with tally.guard(*states):
@@ -270,7 +270,6 @@ def _compare_rigs(
 def _tolerances(model: SoftModel) -> dict[str, float]:
     """Tolerance of each quantity; a quantity that depends on spatial tendons gets the wider one."""
     found = dict.fromkeys(QUANTITIES, TOLERANCE) | {"trajectory": TOLERANCE_TRAJECTORY}
-    found[FORCE] = TOLERANCE_FORCE
     spatial = [tendon for tendon in model.robot.tendons if tendon.sites]
     driven = {actuator.tendon for actuator in model.robot.actuators}
     for quantity, enters in (

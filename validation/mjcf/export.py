@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from softdyn.description.library import find
 from softdyn.description.urdf import parse
 from softdyn.description.urdf_writer import write
+from softdyn.dynamics.forces import check_forces
 from softdyn.exceptions import UrdfError
 from softdyn.validation.files import write_text
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
@@ -37,6 +40,7 @@ def write_mjcf(
     root: str | Path | None = None,
     shapes: bool = True,
     contacts: bool = False,
+    forces: Iterable[Any] = (),
 ) -> Outcome:
     """Write a URDF as MJCF.
 
@@ -51,6 +55,8 @@ def write_mjcf(
         Whether to write the visual shapes.
     contacts : bool
         Whether the collision shapes can touch.
+    forces : iterable of Force
+        Forces of one's own that act on the robot; no MJCF states them.
 
     Returns
     -------
@@ -66,6 +72,7 @@ def write_mjcf(
         find(source), annotations=annotations, floating=floating, repair_inertia=repair_inertia,
         root=root,
     )  # fmt: skip
+    robot = replace(robot, forces=check_forces(tuple(forces)))
     write_text(str(target), to_mjcf(robot, shapes=shapes, contacts=contacts))
     return _compared(from_urdf(robot), neutral(target)), tuple(lost(robot))
 

@@ -14,6 +14,8 @@ from softdyn.validation import Log, PlantErrors, Rig, paper, rollout, simulate
 from softdyn.validation.loop.model_plant import ModelPlant
 from softdyn.validation.loop.recorded import RecordedRun
 from softdyn.validation.loop.repeat import compare_runs, experiment_of
+from softdyn.validation.studies.engine.worker import files_of
+from softdyn.validation.studies.sweep_file import read_sweep
 from softdyn.validation.twin.integrators import Integrator
 from tests.support import micro, winched
 from tests.support.arms import RUBBER, loaded
@@ -127,6 +129,15 @@ def test_a_reduced_model_is_held_and_its_run_repeats_to_the_bit(pcc, tmp_path):
         parts, _ = experiment_of(kept.record, Log.load(tmp_path / "run.npz").source)
         assert parts["model"].robot.digest == pcc.robot.digest
         assert compare_runs(log, simulate(**parts)).equal
+
+
+def test_a_sweep_takes_the_word(tmp_path):
+    text = """robots = ["finger"]\ncontrollers = ["ic"]\n[targets]\ntheta = [0.5]
+[run]\nduration = 0.02\nplant = "model"\n"""
+    (tmp_path / "sweep.toml").write_text(text)
+    (job,) = read_sweep(tmp_path / "sweep.toml").jobs()
+    assert job.case.options["plant"] == "model"
+    assert not files_of(job.case)
 
 
 def test_it_is_a_plant(pcc):

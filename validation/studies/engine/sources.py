@@ -22,6 +22,7 @@ from softdyn.description.library import bundled_names, find
 from softdyn.files import read_toml
 from softdyn.safety import Surroundings
 from softdyn.validation.inputs import files_read, imported
+from softdyn.validation.loop.settings import MODEL
 from softdyn.validation.loop.trajectories import Trajectory, read_trajectory
 from softdyn.validation.studies.engine.fingerprint import digest, has_digest
 
@@ -154,6 +155,8 @@ def of_trajectory(text: str, folder: Path = Path(), depends: Sequence[str] = ())
 
 def is_file(name: str, value: str) -> bool:
     """Whether the text of one of the options `case.FILES` names a file."""
+    if name == "plant":
+        return value != MODEL
     return name != "observer" or is_own(value)
 
 
