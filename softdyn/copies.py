@@ -30,6 +30,7 @@ class Separate:
         return copy.deepcopy(self)
 
 
+PLAIN = (bool, int, float, complex, str, bytes, tuple, list, dict, np.ndarray, np.generic)
 MADE_BY = "_made_by"  # the attribute with an object's `Making`
 
 
@@ -96,7 +97,7 @@ def freeze(values: Iterable[Any]) -> None:
 def content(value: Any, inside: tuple[int, ...] = ()) -> str:
     """The content of an object as text: the same for a copy, also in another process.
 
-    It has the class's name and all fields, to any depth.
+    It has the class's name and all fields, to any depth, also plain ones of the class itself.
 
     Parameters
     ----------
@@ -124,4 +125,11 @@ def content(value: Any, inside: tuple[int, ...] = ()) -> str:
     state = value.__getstate__()
     if state is None and type(value).__reduce__ is not object.__reduce__:
         state = pickle.dumps(value)
-    return f"{type(value).__qualname__} {content(state, within)}"
+    shared: dict[str, Any] = {}
+    for kind in reversed(type(value).__mro__):
+        shared.update(vars(kind))
+    plain = {
+        name: one for name, one in shared.items()
+        if not name.startswith("__") and isinstance(one, PLAIN)
+    }  # fmt: skip
+    return f"{type(value).__qualname__} {content(plain, within)} {content(state, within)}"

@@ -324,6 +324,17 @@ def test_copies_pickles_and_digests(model):
     assert not model.forces
 
 
+def test_a_digest_contains_what_the_class_states():
+    class Law(Toy):
+        factor = 1.0
+
+    finger = softdyn.load("finger")
+    before = finger.with_forces(Law()).robot.digest
+    assert finger.with_forces(Law()).robot.digest == before
+    Law.factor = 2.0
+    assert finger.with_forces(Law()).robot.digest != before
+
+
 def test_a_model_keeps_copies_of_its_forces():
     force = Toy()
     wet = softdyn.load("finger", forces=[force])
