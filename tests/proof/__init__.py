@@ -11,6 +11,7 @@ of them.
 - `planted`: `compare` against defects planted in random robots;
 - `pictures`, `gallery`, `film`: the documents' pictures, the replays of the site, clips;
 - `discrete_steps`: Jacobians of steps against differences, and violent steps;
+- `shortest_way`: the way of `best` to a target, beside an iLQR on the full model;
 - `batches`: our robots in MuJoCo Warp, with the figures of docs/gpu.md;
 - `tables`, `documents`: the documents' tables;
 - `weights`: the size of each package that an installation brings;

@@ -14,7 +14,7 @@ PROGRAMS = (
     "compare_steps", "scaling", "rig_faults",
     "rests", "poses", "scenes", "near_far", "barrier_time", "obstacle", "estimates.forces",
     "tables", "pictures", "gallery", "batches", "weights",
-    "wraps", "discrete_steps",
+    "wraps", "discrete_steps", "shortest_way",
 )  # fmt: skip
 
 # a program's name → its module
