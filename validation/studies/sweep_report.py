@@ -120,12 +120,13 @@ def _setting(case: Case) -> str:
 
 
 def plan(sweep: Sweep, jobs: Sequence[CaseJob], missing: Sequence[CaseJob]) -> dict[str, Any]:
-    """The cases that will run, for JSON."""
+    """The cases that will run, for JSON; of those with one fingerprint only one runs."""
+    runs = {job.fingerprint: job for job in missing}.values()
     return {
         "sweep": str(sweep.path),
         "cases": len(jobs),
-        "missing": len(missing),
-        "simulated_s": sum(job.simulated for job in missing),
+        "missing": len(runs),
+        "simulated_s": sum(job.simulated for job in runs),
         "names": [job.name for job in jobs],
     }
 

@@ -224,6 +224,8 @@ def test_best_and_mpc_run_once_where_they_are_the_same(folder, call):
         marks.setdefault(job.fingerprint, []).append(f"{job.case.robot} {job.case.kind}")
     assert [of for of in marks.values() if len(of) > 1] == [["finger tracking"] * 2]
     (folder / "sweep.toml").write_text(text.replace(', "spirob"', "").replace("theta = 0.5, ", ""))
+    planned = call(folder / "sweep.toml", "--out", "out", "--dry-run", "--json", "-")[1]
+    assert (json.loads(planned)["cases"], json.loads(planned)["missing"]) == (2, 1)
     found = [call(folder / "sweep.toml", "--out", "out", "--jobs", 1, "--json", "-")[1]
              for _ in range(2)]  # fmt: skip
     assert [json.loads(out)["ran"] for out in found] == [1, 0]
