@@ -103,3 +103,17 @@ def test_sites_that_export_makes_for_cables_do_not_come_back_as_links(tmp_path: 
     assert compared.passed
     links = [link.name for link in softdyn.parse(tmp_path / "helix.urdf").links]
     assert not [name for name in links if ":" in name]
+
+
+def test_a_muscle_is_named_among_the_losses(tmp_path: Path) -> None:
+    source = tmp_path / "muscle.xml"
+    source.write_text(
+        '<mujoco><worldbody><body name="b"><joint name="j" axis="0 1 0" range="-57 57"/>'
+        '<geom size="0.02" pos="0.1 0 0"/></body></worldbody>'
+        '<actuator><muscle name="m" joint="j" lengthrange="-1 1"/></actuator></mujoco>'
+    )
+    compared, lost = export.write_urdf(source, tmp_path / "muscle.urdf")
+    assert not compared.passed
+    (line,) = [line for line in lost if "'m'" in line]
+    assert "muscle" in line
+    assert "activation" in line
