@@ -17,7 +17,8 @@ The file's rig is written too: winches, lags, delays, slack tendons, sensors.
 Both list on stderr what the other format cannot state.
 --csv writes a saved run with a row per sample and units in the header.
 --mcap writes it for viewers such as Foxglove: poses of the links, joint states, the robot's URDF,
-and every quantity of the log. It needs the extra softdyn[mcap].
+and every quantity of the log. It needs the extra softdyn[mcap]. --start is the date at t = 0, so
+that the file lines up with a camera's recording.
 
 exit codes: 0 written, and compared with the source: they agree; 1 they do not; 2 bad input.
 """
@@ -38,7 +39,11 @@ cli.add_robot_options(parser)
 cli.add_force_options(parser)
 parser.add_argument("--no-shapes", action="store_true", help="leave out shapes (MJCF: visual ones)")
 parser.add_argument("--contacts", action="store_true", help="MJCF: its links can touch each other")
+parser.add_argument(
+    "--start", metavar="DATE", help="MCAP: date and time at t = 0, such as 2026-11-26T12:00:00Z"
+)
 cli.add_json(parser)
+parser.unused("--start", lambda a: not a.mcap, "only --mcap writes dates")
 parser.unused(
     "--annotations --floating --repair-inertia --contacts --force", lambda a: a.urdf,
     "--urdf writes the robot as its file states it",
@@ -62,7 +67,7 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.mcap is not None:
         from softdyn.validation.loop.mcap_file import save_mcap
 
-        save_mcap(arguments.mcap, cli.read_log(arguments.robot, None))
+        save_mcap(arguments.mcap, cli.read_log(arguments.robot, None), start=arguments.start)
         return cli.PASSED
     if arguments.urdf is not None:
         shapes = not arguments.no_shapes

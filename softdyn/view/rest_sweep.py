@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+from tqdm.auto import tqdm
 
 from softdyn.description.robot import sliding
 from softdyn.dynamics.balance import ForceBalance
@@ -15,6 +18,7 @@ from softdyn.dynamics.model import SoftModel
 from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
 
+Item = TypeVar("Item")
 STEP = 0.005  # s
 SETTLE = 8.0  # s, the longest wait until the robot rests
 RAMP, HOLD = 0.9, 0.5  # s
@@ -82,7 +86,7 @@ def rest_sweep(model: SoftModel) -> RestSweep:
         return (q, still, held) if found is None else (found.q, found.v, found.held)
 
     q, v = model.q0, still
-    for _ in range(round(SETTLE / STEP)):
+    for _ in _shown(range(round(SETTLE / STEP)), "the robot settles"):
         q, v, held = after(q, v, zero, held)
         if float(np.abs(v).max()) < 1e-3:
             break
@@ -93,7 +97,7 @@ def rest_sweep(model: SoftModel) -> RestSweep:
                             np.zeros(round(HOLD / STEP))))  # fmt: skip
     t = 0.0
     rows.append((t, q, zero, model.state(q, v).y))
-    for i, actuator in enumerate(model.robot.actuators):
+    for i, actuator in enumerate(_shown(model.robot.actuators, "each input is pulled")):
         for peak in peaks[i][peaks[i] != 0]:
             kilo = f"{1e-3 * peak:.3g} kPa" if actuator.is_chamber else f"{peak:.3g}"
             notes.append((t, f"{actuator.name} = {kilo}"))
@@ -104,6 +108,12 @@ def rest_sweep(model: SoftModel) -> RestSweep:
                 t += STEP
                 rows.append((t, q, u, model.state(q, v).y))
     return _sweep(rows[::6], notes)  # 33 frames a second
+
+
+def _shown(items: Sequence[Item], what: str) -> Iterable[Item]:
+    """The items, with a line on a terminal that says what is computed, and how far it is."""
+    found: Iterable[Item] = tqdm(items, desc=what, disable=None, leave=False)
+    return found
 
 
 def _peaks(model: SoftModel, q: np.ndarray) -> np.ndarray:

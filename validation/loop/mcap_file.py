@@ -1,6 +1,7 @@
 """A log as an MCAP file, which the field's viewers open.
 
-Messages are JSON. Their time is the run's, from 0 s on.
+Messages are JSON. Their time is the run's, from 0 s on, or from a date on, so that they line up
+with other recordings.
 
     /tf                  foxglove.FrameTransforms      poses of all links in the frame "world"
     /joint_states        sensor_msgs/msg/JointState    positions and velocities of the joints
@@ -17,6 +18,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,7 @@ from softdyn.validation.loop.provenance import name_shown
 from softdyn.validation.loop.repeat import record_for, whole_record
 
 NANO = 1_000_000_000
+LATEST = 530 * 366 * 86_400 * NANO  # ns; a message's time has 64 bits
 WORLD = "world"
 NUMBER, TEXT = {"type": "number"}, {"type": "string"}
 TIME = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
@@ -60,7 +63,9 @@ KNOWN = {
 """Topics with well-known messages: the name and the JSON schema of each."""
 
 
-def save_mcap(path: str | Path, log: Log, model: SoftModel | None = None) -> None:
+def save_mcap(
+    path: str | Path, log: Log, model: SoftModel | None = None, start: str | datetime | None = None
+) -> None:
     """Write the log as MCAP, complete or not at all.
 
     Parameters
@@ -71,13 +76,17 @@ def save_mcap(path: str | Path, log: Log, model: SoftModel | None = None) -> Non
         The run.
     model : SoftModel, optional
         The log's robot; by default it is made from the text in the log.
+    start : str or datetime, optional
+        The date and time at t = 0 s, with its time zone, e.g. ``2026-11-26T12:00:00Z``; by default
+        the times of messages begin at 0.
 
     Raises
     ------
     InputError
-        The package mcap is not installed, the model is of another robot, or nothing can be written
-        there.
+        `start` is no date from 1970 on with a time zone, the package mcap is not installed, the
+        model is of another robot, or nothing can be written there.
     """
+    begin = 0 if start is None else _nanoseconds(start)
     try:
         from mcap.writer import Writer
     except ImportError:
@@ -95,9 +104,9 @@ def save_mcap(path: str | Path, log: Log, model: SoftModel | None = None) -> Non
             topics[topic] = writer.register_channel(
                 topic=topic, message_encoding="json", schema_id=number
             )
-        for t, topic, message in _messages(log, model):
+        for t, topic, message in _messages(log, model, begin):
             data = json.dumps(message, allow_nan=False).encode()
-            time = round(t * NANO)
+            time = begin + round(t * NANO)
             writer.add_message(topics[topic], log_time=time, publish_time=time, data=data)
         record = record_for(whole_record(log), Path(path).parent)
         about = {
@@ -134,15 +143,34 @@ def _own(log: Log) -> dict[str, tuple[str, dict[str, Any]]]:
     return found
 
 
-def _messages(log: Log, model: SoftModel) -> Iterator[tuple[float, str, dict[str, Any]]]:
-    """Time (s), topic and content of every message, in the order of time."""
+def _nanoseconds(start: str | datetime) -> int:
+    """Nanoseconds from 1970 to a date and time."""
+    expected = "a date and time with its zone, such as 2026-11-26T12:00:00Z"
+    try:
+        date = datetime.fromisoformat(start) if isinstance(start, str) else start
+        since = date - datetime(1970, 1, 1, tzinfo=UTC)
+    except (TypeError, ValueError):  # no date, or one without a zone
+        raise InputError("start", expected, repr(start)) from None
+    found = (since.days * 86_400 + since.seconds) * NANO + since.microseconds * 1000
+    if not 0 <= found < LATEST:
+        raise InputError("start", f"{expected}, from 1970 to 2500", repr(start))
+    return found
+
+
+def _messages(
+    log: Log, model: SoftModel, begin: int
+) -> Iterator[tuple[float, str, dict[str, Any]]]:
+    """Time (s), topic and content of every message, in the order of time.
+
+    The stamps in the contents count from `begin` (ns) on.
+    """
     robot = model.robot
     joints = {joint.name for joint in robot.moving_joints}
     names = [name for name in model.joint_names if name in joints]
     first = len(model.joint_names) - len(names)  # a floating base is in the transforms
     yield 0.0, "/robot_description", {"data": robot.text}
     for k, t in enumerate(log.t.tolist()):
-        stamp = _stamp(t)
+        stamp = _stamp(t, begin)
         transforms = [
             {
                 "timestamp": stamp, "parent_frame_id": WORLD, "child_frame_id": link,
@@ -165,9 +193,9 @@ def _messages(log: Log, model: SoftModel) -> Iterator[tuple[float, str, dict[str
                 yield t, _topic(name), dict(zip(_columns(channel), values, strict=True))
 
 
-def _stamp(t: float) -> dict[str, int]:
-    """A time (s) as seconds and nanoseconds."""
-    seconds, rest = divmod(round(t * NANO), NANO)
+def _stamp(t: float, begin: int = 0) -> dict[str, int]:
+    """A time (s) after `begin` (ns) as seconds and nanoseconds."""
+    seconds, rest = divmod(begin + round(t * NANO), NANO)
     return {"sec": seconds, "nsec": rest}
 
 

@@ -1,7 +1,8 @@
 """An MJCF written as an annotated URDF, with a list of the properties that a URDF cannot state.
 
-All frames have the axes of the root and lie on their joints. A body with several joints becomes a
-chain of massless links.
+All links that move have the axes of the root and lie on their joints. A body with several joints
+becomes a chain of massless links. A body whose frame does not lie on its joint, and each named
+site, becomes a link that is fixed there.
 """
 
 from __future__ import annotations
@@ -32,10 +33,18 @@ from softdyn.description.robot import (
     Wrap,
     deepest_leaf,
 )
-from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, NeutralTendon, Part, Point
+from softdyn.validation.mjcf.comparison.neutral import (
+    WORLD,
+    Frame,
+    Neutral,
+    NeutralTendon,
+    Part,
+    Point,
+)
 from softdyn.validation.mjcf.transform import angles
 from softdyn.validation.mjcf.xml_text import Names
 
+SAME_PLACE = 1e-9  # m between two frames that count as one
 UNLIMITED = 1e4  # m, rad: limits for a joint without any, because URDF requires them
 
 
@@ -84,8 +93,13 @@ def to_urdf(
     for part in source.parts:
         if part.kind in welded:
             lost.append(f"{part.kind} joint {part.name!r}: welded")
+    apart: dict[str, Frame] = {}  # bodies whose frame does not lie on their joint
     for k, part in enumerate(source.parts):
-        link_of[k] = names.new(part.link or f"{part.name}_link")
+        off = float(np.linalg.norm(part.pose.translation - part.point)) > SAME_PLACE
+        if part.link and off and part.kind != "free":
+            apart[part.link] = Frame(k, part.pose)
+        on_joint = not part.link or part.link in apart
+        link_of[k] = names.new(f"{part.name}_link" if on_joint else part.link)
         com = Origin(_place(source, k, part.inertia.com) if part.inertia.mass else ZERO)
         shown = tuple(looks.get(k, ()))
         links.append(Link(link_of[k], part.inertia.mass, part.inertia.moments, com, shown))
@@ -94,7 +108,7 @@ def to_urdf(
         place = Origin(_place(source, part.parent, part.point))
         joint = Joint(part.name, "fixed", link_of[part.parent], link_of[k], place)
         joints.append(joint if part.kind in welded else _moving(joint, source, part, lost))
-    for label, frame in source.frames.items():
+    for label, frame in (apart | source.cable_sites | source.frames).items():
         if frame.part in link_of:
             child = names.new(label)
             links.append(Link(child))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -142,3 +143,33 @@ def test_another_robot_is_refused_and_nothing_written(tmp_path):
     with pytest.raises(InputError, match="model: expected the robot of the log"):
         save_mcap(tmp_path / "a.mcap", controlled(), softdyn.load("helix"))
     assert not (tmp_path / "a.mcap").exists()
+
+
+@pytest.mark.parametrize(
+    ("start", "seconds"),
+    [
+        ("2026-11-26T12:00:00Z", 1795694400),
+        ("2026-11-26T13:00:00.25+01:00", 1795694400.25),
+        (datetime(1970, 1, 1, tzinfo=UTC), 0),
+    ],
+)
+def test_times_begin_at_a_date(start, seconds, tmp_path):
+    log = controlled()
+    save_mcap(tmp_path / "run.mcap", log, start=start)
+    found, _ = read(tmp_path / "run.mcap")
+    for topic in ("/u", "/joint_states"):
+        times = [t for t, _ in found[topic]]
+        np.testing.assert_allclose(np.array(times) - seconds, log.t[: len(times)], atol=1e-6)
+    for t, message in found["/joint_states"]:
+        stamp = message["header"]["stamp"]
+        assert stamp["sec"] + 1e-9 * stamp["nsec"] == pytest.approx(t, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "start", ["noon", "2026-11-26T12:00:00", "1969-12-31T23:59:59Z", "9999-01-01T00:00:00Z", 5]
+)
+def test_a_start_that_is_no_date_with_a_zone_is_refused(start, tmp_path):
+    with pytest.raises(InputError) as refused:
+        save_mcap(tmp_path / "run.mcap", controlled(), start=start)
+    assert refused.value.name == "start"
+    assert not (tmp_path / "run.mcap").exists()

@@ -62,7 +62,7 @@ def test_shapes_are_where_mujoco_shows_them(files):
     mujoco.mj_kinematics(model, data)
     shapes, problems = visuals(parse(target), ("visual",))
     assert not problems
-    assert [visual.link for visual in shapes] == ["world", "a", "a", "a"]
+    assert [visual.link for visual in shapes] == ["world", "j_link", "j_link", "j_link"]
     ends = corners(target, "visual")
     for name, row in zip(("table", "g", "v", "z"), (0, 1, 2, 3), strict=True):
         middle = ends[row].mean(axis=0)
@@ -71,7 +71,7 @@ def test_shapes_are_where_mujoco_shows_them(files):
     np.testing.assert_allclose(ends[1][1] - ends[1][0], 2 * np.abs(turn) @ half, atol=1e-9)
     assert shapes[2].rgba == (1.0, 0.5, 0.0, 1.0)
     touching = visuals(parse(target), ("collision",))[0]  # v does not touch, c is 3 pieces
-    assert [visual.link for visual in touching] == ["world"] + 5 * ["a"]
+    assert [visual.link for visual in touching] == ["world"] + 5 * ["j_link"]
     a, b = (corners(target, "collision")[k].mean(axis=0) for k in (3, 4))
     c = data.geom("c")
     np.testing.assert_allclose((a + b) / 2, c.xpos, atol=1e-3)

@@ -21,7 +21,7 @@ from softdyn.validation.mjcf.comparison.dynamics import (
 )
 from softdyn.validation.mjcf.comparison.finding import KINDS, Finding, Turns
 from softdyn.validation.mjcf.comparison.geometry import find_geometry
-from softdyn.validation.mjcf.comparison.matching import Match, match, reduce
+from softdyn.validation.mjcf.comparison.matching import Match, match, reduce, with_links_of
 from softdyn.validation.mjcf.comparison.neutral import Neutral
 from softdyn.validation.mjcf.comparison.parameters import find_order, find_parameters
 from softdyn.validation.mjcf.comparison.result import (
@@ -134,6 +134,8 @@ def compare_neutral(
         seconds = time.perf_counter() - begin
         return Comparison(*paths, names, how, unmatched, (), (), {}, strict, notes, seconds)
     left, right = (robot.without_idle_sites() for robot in reduce(one, other, pairs))
+    right = with_links_of(right, left)
+    left = with_links_of(left, right)
     states = random_states(left, samples, seed)
     reference = evaluate(left, states)
     measure = _Measure(left, reference, states)

@@ -149,14 +149,21 @@ def from_mjcf(path: Path, model: mujoco.MjModel) -> Neutral:
     routed = {*model.wrap_objid[model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE].tolist()}
     around = (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER)
     routed |= {*model.wrap_prm[np.isin(model.wrap_type, around)].astype(int).tolist()}  # sides
+    cables = {model.tendon(k).name for k in range(model.ntendon)}
+    on_cables: dict[str, Frame] = {}
     for site in range(model.nsite):
-        if (label := model.site(site).name) and site not in routed:
+        label = model.site(site).name
+        # a site that `export --mjcf` makes for a cable has the cable's name and a number
+        ours = label.rpartition(":")[0] in cables
+        if label and site not in routed:
             frames.setdefault(label, place.site(site))
+        elif label and not ours:
+            on_cables[label] = place.site(site)
     couplings, equalities = equalities_of(place, found)
     tendons, motors = tendons_of(place, shares, found), motors_of(place, found)
     return Neutral(
         path, "mjcf", tuple(parts), frames, tendons, motors, couplings, equalities,
-        _features(model, found), _gravity(model), (tuple(names),),
+        _features(model, found), _gravity(model), (tuple(names),), cable_sites=on_cables,
     )  # fmt: skip
 
 

@@ -12,13 +12,13 @@ import itertools
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from softdyn.exceptions import InputError
-from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Frame, Neutral, Part
 from softdyn.validation.mjcf.transform import Transform
 
 PLAUSIBLE = 0.6  # the largest cost of a plausible pair
@@ -107,6 +107,28 @@ def plain_name(name: str) -> str:
     """A name without case, punctuation and generic words."""
     words = re.findall(r"[a-z]+|\d+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
     return " ".join(word for word in words if word not in NOISE_WORDS) or name
+
+
+def with_links_of(robot: Neutral, other: Neutral) -> Neutral:
+    """Each part with the link that the other robot's part names, if that is among its frames.
+
+    In a URDF, a body whose frame does not lie on its joint is a link fixed to the one that moves.
+    Both robots have the same joints in one order.
+    """
+    parts, frames = list(robot.parts), dict(robot.frames)
+    for k, (part, theirs) in enumerate(zip(robot.parts, other.parts, strict=True)):
+        if not theirs.link or part.link == theirs.link or part.kind == "free":
+            continue
+        own = [name for name, frame in frames.items() if frame.part == k]
+        held = [name for name in own if name == theirs.link]
+        if plain_name(part.link) != plain_name(theirs.link):
+            held += [name for name in own if plain_name(name) == plain_name(theirs.link)]
+        if held:
+            name = held[0]
+            parts[k] = replace(part, link=name, pose=frames.pop(name).pose)
+            if part.link:
+                frames[part.link] = Frame(k, part.pose)
+    return replace(robot, parts=tuple(parts), frames=frames)
 
 
 def _without_prefix(robot: Neutral) -> Callable[[str], str]:

@@ -162,7 +162,10 @@ def _law(model: mujoco.MjModel, k: int) -> str:
         return ""
     gain = ", ".join(f"{value:.6g}" for value in model.actuator_gainprm[k, :3])
     bias = ", ".join(f"{value:.6g}" for value in model.actuator_biasprm[k, :3])
-    return f"gain {gain}; bias {bias}" + ("" if still else "; with dynamics")
+    text = f"gain {gain}; bias {bias}" + ("" if still else "; with dynamics")
+    if model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_MUSCLE:
+        return f"muscle, whose force depends on length, speed and activation: {text}"
+    return text
 
 
 def _target(place: Places, k: int, gear: np.ndarray) -> tuple[str, Numbers, tuple[Frame, ...]]:

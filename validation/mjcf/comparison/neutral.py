@@ -264,6 +264,8 @@ class Neutral:
         Parts of the file that were left out.
     sensors : dict[str, NeutralSensor]
         Sensors by name.
+    cable_sites : dict[str, Frame]
+        Named sites on the paths of cables, which are compared with the cables.
     rounded : bool
         Whether the file prints at most six significant digits, as MuJoCo does.
     """
@@ -282,6 +284,7 @@ class Neutral:
     notes: tuple[str, ...] = ()
     sensors: dict[str, NeutralSensor] = field(default_factory=dict)
     rounded: bool = False
+    cable_sites: dict[str, Frame] = field(default_factory=dict)
 
     @property
     def size(self) -> float:
