@@ -11,6 +11,7 @@ of them.
 - `planted`: `compare` against defects planted in random robots;
 - `pictures`, `gallery`, `film`: the documents' pictures, the replays of the site, clips;
 - `batches`: our robots in MuJoCo Warp, with the figures of docs/gpu.md;
+- `episodes`: the speed of the environment for learning, with the figures of docs/learn.md;
 - `tables`, `documents`: the documents' tables;
 - `weights`: the size of each package that an installation brings;
 - `rests`: equilibria at the paper's set points, with the figures of docs/statics_measured.md;

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from softdyn.description.library import find
 from softdyn.description.urdf import parse
 from softdyn.description.urdf_writer import write
 from softdyn.exceptions import UrdfError
+from softdyn.toml_table import TomlTable
 from softdyn.validation.files import write_text
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
 from softdyn.validation.mjcf.comparison.finding import beyond_urdf
@@ -22,7 +24,10 @@ from softdyn.validation.mjcf.comparison.side import Side, neutral
 from softdyn.validation.mjcf.to_mjcf import lost, to_mjcf
 from softdyn.validation.mjcf.to_urdf import to_urdf
 from softdyn.validation.mjcf.urdf_shapes import Looks, looks_of
+from softdyn.validation.twin.rig import Rig
 
+# fields of a `Rig` that an actuator of the file has
+MOTORS = ("lag", "delay", "rate", "command", "stiffness", "damping")
 Outcome = tuple[Comparison, tuple[str, ...]]
 
 
@@ -35,6 +40,7 @@ def write_mjcf(
     repair_inertia: bool = False,
     shapes: bool = True,
     contacts: bool = False,
+    motors: Mapping[str, Any] | None = None,
 ) -> Outcome:
     """Write a URDF as MJCF.
 
@@ -49,6 +55,8 @@ def write_mjcf(
         Whether to write the visual shapes.
     contacts : bool
         Whether the collision shapes can touch.
+    motors : mapping, optional
+        Fields of a `Rig` that replace those of the file's motors, some of `MOTORS`.
 
     Returns
     -------
@@ -59,10 +67,14 @@ def write_mjcf(
     ------
     UrdfError
         For a file that cannot be used.
+    InputError
+        For motors that cannot be used.
     """
     robot = parse(
         find(source), annotations=annotations, floating=floating, repair_inertia=repair_inertia
     )
+    if motors is not None:
+        robot = Rig(**TomlTable(motors, "motors").rest(MOTORS)).robot(robot)
     write_text(str(target), to_mjcf(robot, shapes=shapes, contacts=contacts))
     return _compared(from_urdf(robot), neutral(target)), tuple(lost(robot))
 
