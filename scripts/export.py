@@ -12,7 +12,8 @@ EPILOG = """\
 links are massless, and sites, tendons, actuators, stiff stops, shapes and a keyframe at rest.
 Collision shapes are in group 3; they touch with --contacts (or <flag contact="enable"/> in the
 file).
-The file's rig is written too: winches, lags, delays, slack tendons, sensors.
+The file's rig is written too: winches, lags, delays, slack tendons, sensors. --motors FILE is TOML
+that replaces lag, delay, rate, command, stiffness and damping of all motors, e.g. "lag = 0.02".
 --urdf writes an MJCF's tree as an annotated URDF, with its boxes, spheres, cylinders and capsules.
 Both list on stderr what the other format cannot state.
 --csv writes a saved run with a row per sample and units in the header.
@@ -42,14 +43,15 @@ parser.add_argument("--contacts", action="store_true", help="MJCF: its links can
 parser.add_argument(
     "--start", metavar="DATE", help="MCAP: date and time at t = 0, such as 2026-11-26T12:00:00Z"
 )
+parser.add_argument("--motors", metavar="FILE", help="MJCF: motors of a TOML file, as run --rig")
 cli.add_json(parser)
 parser.unused("--start", lambda a: not a.mcap, "only --mcap writes dates")
 parser.unused(
-    "--annotations --floating --repair-inertia --contacts --force", lambda a: a.urdf,
+    "--annotations --floating --repair-inertia --contacts --force --motors", lambda a: a.urdf,
     "--urdf writes the robot as its file states it",
 )  # fmt: skip
 parser.unused(
-    "--annotations --floating --repair-inertia --root --contacts --no-shapes --force --json",
+    "--annotations --floating --repair-inertia --root --contacts --no-shapes --force --motors --json",
     lambda a: a.csv or a.mcap, "--csv and --mcap write a log",
 )  # fmt: skip
 
@@ -85,6 +87,7 @@ def command(arguments: cli.Arguments) -> int:
             shapes=not arguments.no_shapes,
             contacts=arguments.contacts,
             forces=cli.make_forces(arguments),
+            motors=None if arguments.motors is None else cli.read_toml(arguments.motors),
             **loading,
         )
     for note in lost:

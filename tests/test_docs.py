@@ -69,7 +69,8 @@ def follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Follow:
         called, _, file = line.partition(" > ")
         words, otherwise = (shlex.split(part) for part in called.partition("||")[::2])
         if words[0] != "softdyn":
-            done = subprocess.run(["bash", "-c", line], text=True, capture_output=True, check=True)
+            run = [sys.executable, *words[1:]] if words[0] == "python" else ["bash", "-c", line]
+            done = subprocess.run(run, text=True, capture_output=True, check=True)
             return done.stdout + done.stderr
         code, out, err = command(*words[1:])
         assert code == 0 or otherwise, f"{line}\n{out}{err}"
@@ -136,6 +137,7 @@ WITH_TESTS = {
     "your_controller.md",
     "files.md",
     "first_minutes.md",
+    "learn.md",
 }
 
 
@@ -231,6 +233,22 @@ def test_your_own_controller(follow: Follow, tmp_path: Path) -> None:
     broken = said(output, "Brake")
     assert "the controller failed at t = 0 s: u: expected finite numbers" in broken
     assert broken.endswith("exit code 1\n")
+
+
+def test_a_learned_policy_beside_best(follow: Follow, tmp_path: Path) -> None:
+    """It learns, it reaches targets that it has not seen better than rest, and best is better."""
+    output = follow(ROOT / "docs/learn.md")
+    distances = [float(cm) for cm in re.findall(r"([\d.]+) cm", said(output, "python learn.py"))]
+    assert len(distances) == 4
+    assert distances[-1] < distances[0]
+    rows = (tmp_path / "results/learned/sweep.md").read_text(encoding="utf-8")
+    best, policy = (
+        float(re.search(rf"\| {name} \| ([\d.]+) \|", rows)[1])
+        for name in ("best", "policy.py:Policy")
+    )
+    assert best < 0.1 < policy < 6
+    for page in ("policy.html", "episode.html"):
+        assert "<html" in (tmp_path / page).read_text(encoding="utf-8")[:2000].lower()
 
 
 def test_files_and_their_versions(follow: Follow) -> None:

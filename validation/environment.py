@@ -186,8 +186,8 @@ class ReachEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         where = str(randomised) if isinstance(randomised, str | Path) else "randomised"
         self._errors = DrawnRuns({} if table is None else table, model, where)
         self._targets = self._targets_of(targets)
-        self._reward = self._distance_reward if reward is None else reward
-        if not callable(self._reward):
+        self._reward, self._unit = reward, self._length or 1.0
+        if reward is not None and not callable(reward):
             raise InputError("reward", "a callable (state, target, u) -> number", repr(reward))
         parts = (SENSORS, "target") if observation == SENSORS else observation
         self._given = _Inputs()
@@ -264,13 +264,14 @@ class ReachEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         if self._over:
             raise InputError("step", "a reset before it, and after the end of an episode", "none")
-        asked = np.asarray(action)
-        numbers = asked.dtype.kind in "fiu" and asked.shape == (self.model.nu,)
-        if not numbers or not np.isfinite(asked).all():
-            array("action", action, (self.model.nu,))  # raises
-        inside = np.minimum(np.maximum(asked, -1.0), 1.0)
+        try:
+            asked = np.array(action, float)
+        except (TypeError, ValueError):
+            asked = np.zeros(0)
+        if asked.shape != (self.model.nu,) or not math.isfinite(asked @ asked):
+            array("action", action, (self.model.nu,))  # raises, unless the square overflows
         loop, k = self._loop, self._steps
-        self._given.u = self._scale.input(inside)
+        self._given.u = self._scale.input(asked)
         loop.decide(k * self.grid.period, self._aim)
         u = self._inputs[k] = loop.admit()
         state = loop.state
@@ -295,11 +296,13 @@ class ReachEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         terminated = bool(self._ended)
         truncated = not terminated and self._steps == self.grid.steps
         self._over = terminated or truncated
-        reward = float(self._reward(state, self.target, u))
+        reward = -distance / self._unit
+        if self._reward is not None:
+            reward = float(self._reward(state, self.target, u))
         if terminated:
             reward += min(reward, 0.0) * (self.grid.steps - self._steps)
         self._rewards[k] = reward
-        info = {"distance": distance, "clipped": int(np.count_nonzero(inside != asked))}
+        info = {"distance": distance, "clipped": np.count_nonzero(np.abs(asked) > 1.0)}
         return self._seen, reward, terminated, truncated, info
 
     @property
@@ -391,10 +394,6 @@ class ReachEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             raise InputError("targets", "at least one point", "none")
         points = np.array([self._point("targets", point) for point in points])
         return lambda rng: points[int(rng.integers(len(points)))]
-
-    def _distance_reward(self, state: State, target: np.ndarray, u: np.ndarray) -> float:
-        away = target - state.y
-        return -math.sqrt(away @ away) / (self._length or 1.0)
 
 
 gymnasium.register(NAME, entry_point=f"{__name__}:{ReachEnv.__name__}")

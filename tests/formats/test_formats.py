@@ -17,7 +17,7 @@ import pytest
 
 import softdyn
 from softdyn import InputError, UrdfError, design
-from softdyn.controllers import Gains
+from softdyn.controllers import Gains, PolicyNetwork
 from softdyn.csv_table import CsvTable
 from softdyn.description.annotations import VERSION
 from softdyn.files import read_toml
@@ -130,6 +130,12 @@ def test_the_block_of_each_version_is_read():
 def test_a_table_of_each_version_is_read(file):
     found, expected = TABLES[file](HERE / file)
     assert found == expected
+
+
+def test_a_policy_of_the_first_version_is_read():
+    network = PolicyNetwork.load(HERE / "policy_1.npz")
+    assert network.observation == ("error", "input")
+    np.testing.assert_array_equal(network(np.array([2.0, 0.0, 1.0, 0.5])), [4.5])
 
 
 def with_format(file: str, said: str, folder: Path) -> Path:

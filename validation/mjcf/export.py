@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from softdyn.description.urdf import parse
 from softdyn.description.urdf_writer import write
 from softdyn.dynamics.forces import check_forces
 from softdyn.exceptions import UrdfError
+from softdyn.toml_table import TomlTable
 from softdyn.validation.files import write_text
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
 from softdyn.validation.mjcf.comparison.finding import beyond_urdf
@@ -26,7 +27,10 @@ from softdyn.validation.mjcf.mjcf_file import Contents
 from softdyn.validation.mjcf.to_mjcf import lost, to_mjcf
 from softdyn.validation.mjcf.to_urdf import to_urdf
 from softdyn.validation.mjcf.urdf_shapes import Looks, looks_of
+from softdyn.validation.twin.rig import Rig
 
+# fields of a `Rig` that an actuator of the file has
+MOTORS = ("lag", "delay", "rate", "command", "stiffness", "damping")
 Outcome = tuple[Comparison, tuple[str, ...]]
 
 
@@ -41,6 +45,7 @@ def write_mjcf(
     shapes: bool = True,
     contacts: bool = False,
     forces: Iterable[Any] = (),
+    motors: Mapping[str, Any] | None = None,
 ) -> Outcome:
     """Write a URDF as MJCF.
 
@@ -57,6 +62,8 @@ def write_mjcf(
         Whether the collision shapes can touch.
     forces : iterable of Force
         Forces of one's own that act on the robot; no MJCF states them.
+    motors : mapping, optional
+        Fields of a `Rig` that replace those of the file's motors, some of `MOTORS`.
 
     Returns
     -------
@@ -67,12 +74,16 @@ def write_mjcf(
     ------
     UrdfError
         For a file that cannot be used.
+    InputError
+        For motors that cannot be used.
     """
     robot = parse(
         find(source), annotations=annotations, floating=floating, repair_inertia=repair_inertia,
         root=root,
     )  # fmt: skip
     robot = replace(robot, forces=check_forces(tuple(forces)))
+    if motors is not None:
+        robot = Rig(**TomlTable(motors, "motors").rest(MOTORS)).robot(robot)
     write_text(str(target), to_mjcf(robot, shapes=shapes, contacts=contacts))
     return _compared(from_urdf(robot), neutral(target)), tuple(lost(robot))
 

@@ -36,3 +36,15 @@ def test_the_page_has_three_robots_that_stay_near_mujoco_at_first():
         assert row["refused"] == "nothing"
         assert row["moved"] > 0.1
         assert row["after_20"] < row["after_200"] < 1e-5
+
+
+def test_the_speeds_of_the_page_fit_together():
+    """Worlds over the time of a step are the steps a second; the page's claims hold."""
+    rows = read_json(MEASURED / "batches_gpu.json", "rows of a table")["rows"]
+    assert tuple(row["robot"] for row in rows) == batches.ROBOTS
+    found = {(row["robot"], row["worlds"]): row for row in batches.speeds(rows)}
+    for (_, worlds), row in found.items():
+        assert row["millions"] == pytest.approx(worlds / row["ms"] / 1e3, rel=0.01)
+    assert found["helix", 4096]["millions"] == pytest.approx(2.2, abs=0.05)
+    assert found["helix", 4096]["times"] == pytest.approx(10, abs=0.5)
+    assert found["finger", 256]["times"] < 0.5 < 1.0 <= found["helix", 256]["times"] < 1.2

@@ -36,7 +36,7 @@ from softdyn.validation.studies.engine.distribution import (
 )  # fmt: skip
 from softdyn.validation.studies.sweep_report import REST
 from softdyn.validation.tables import Table
-from tests.proof import barrier_time, batches, loop_time, poses, weights
+from tests.proof import barrier_time, batches, episodes, loop_time, poses, weights
 from tests.proof.documents.reports import reports_table
 from tests.proof.documents.settings import MEASURED, changes_table, gains_table
 from tests.proof.estimates import forces
@@ -399,6 +399,11 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "loop-time": _loop_time,
     "weights": lambda: Table.of(weights.COLUMNS, _rows("weights")).markdown(),
     "batches": lambda: Table.of(batches.COLUMNS, _rows("batches")).markdown(),
+    "batches-gpu": lambda: Table.of(batches.SPEED, batches.speeds(_rows("batches_gpu"))).markdown(),
+    "batches-beside": lambda: Table.of(
+        batches.BESIDE, batches.beside(_rows("batches_gpu"))
+    ).markdown(),
+    "episodes": lambda: Table.of(episodes.COLUMNS, _rows("episodes")).markdown(),
     "reports-right": lambda: reports_table(public_reports.RIGHT),
     "reports-mended": lambda: reports_table(public_reports.MENDED),
     "reports-beside": lambda: reports_table(public_reports.BESIDE),

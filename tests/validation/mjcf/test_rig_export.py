@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import softdyn
+from softdyn import InputError
 from softdyn.actuation import Winches
 from softdyn.description.rig import CommandKind
-from softdyn.validation import Twin, compare, crosscheck, simulate
+from softdyn.validation import Rig, Twin, compare, crosscheck, simulate
 from softdyn.validation.mjcf import export
 from softdyn.validation.mjcf.scene import Scene
 from softdyn.validation.twin.drives import part_name, parts
@@ -72,6 +73,37 @@ def test_the_unit_of_a_chamber_is_lost_in_mjcf_kept_in_urdf_and_changes_no_motio
     assert not any(cause.kind == "actuator" for cause in result.causes)
     export.write_urdf(source, tmp_path / "again.urdf")
     assert softdyn.parse(tmp_path / "again.urdf").actuators == softdyn.parse(source).actuators
+
+
+@pytest.mark.parametrize("robot", ["finger", "spirob"])
+def test_motors_of_a_file_of_their_own_move_it_as_the_twin_behind_such_a_rig(robot, tmp_path):
+    """MuJoCo alone steps the file; the twin is built from the URDF, with the rig."""
+    motors = {"lag": 0.02, "delay": 0.004}
+    result, _ = export.write_mjcf(robot, tmp_path / "late.xml", shapes=False, motors=motors)
+    assert result.passed
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "late.xml"))
+    data, loaded = mujoco.MjData(model), softdyn.load(robot)
+    twin = Twin(Rig(**motors).robot(loaded.robot), rig=True, timestep=model.opt.timestep)
+    rng, moved = np.random.default_rng(0), 0.0
+    for k in range(400):
+        if k % 50 == 0:
+            low, high = model.actuator_ctrlrange.T
+            u = rng.uniform(0.3 * low, 0.3 * high)
+        data.ctrl[:] = u
+        mujoco.mj_step(model, data)
+        twin.advance(u)
+        moved = max(moved, np.abs(data.qpos).max())
+        np.testing.assert_allclose(data.qpos, twin.qpos, atol=1e-9)
+    assert moved > 0.01
+    export.write_mjcf(robot, tmp_path / "ideal.xml", shapes=False)
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "ideal.xml")).na == 0
+
+
+@pytest.mark.parametrize("motors", [{"noise": 0.1}, {"lags": 1}, {"lag": -1.0}])
+def test_motors_that_no_file_can_have_are_one_line(motors, tmp_path):
+    with pytest.raises(InputError):
+        export.write_mjcf("finger", tmp_path / "x.xml", motors=motors)
+    assert not (tmp_path / "x.xml").exists()
 
 
 def test_friction_of_a_cable_is_lost_in_mjcf_kept_in_urdf_and_compared(tmp_path):
