@@ -1,7 +1,7 @@
 """`write` is the inverse of `parse`: what is written is read back as an equal robot.
 
 Robots are compared by `==` of their dataclasses, exact to the last bit (-0 equals 0).
-`NOT_COMPARED` lists the exceptions: the robot's path and the texts of its files.
+`NOT_COMPARED` lists the exceptions: the robot's path, the texts of its files, a user's own forces.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from tests.support.misuses import ARM
 NOT_COMPARED = {
     "adopted",
     "root_folder",
+    "forces",
     "ignored",
     "comment",
     "path",
