@@ -167,7 +167,7 @@ class Chamber:
     @property
     def section_area(self) -> float:
         """The area A (m²) of its cross-section."""
-        return math.pi * self.radius**2 if self.area is None else self.area  # type: ignore[operator]
+        return self.area if self.area is not None else math.pi * float(self.radius or 0.0) ** 2
 
     @property
     def largest_force(self) -> float:

@@ -43,6 +43,8 @@ NOTHING = 1e-9
 """A cable whose moment arms are all below this share of the radius moves nothing."""
 SAME = 0.01
 """Two moduli whose ratio differs from 1 by less are one."""
+HOLLOW = 0.05
+"""A share of a section's area that chambers may leave out without a word."""
 MOST = {Cable: "max_tension", Chamber: "max_pressure"}
 HINT = "or set unusual = true if it is meant"
 
@@ -83,6 +85,7 @@ def check(layout: Layout) -> None:
             _within(f"{where}: Young's modulus", E, MODULUS, "Pa")
             sound = math.sqrt(E / material.density)
             _within(f"{where}: sqrt(E / density)", sound, (0.0, SOUND), "m/s")
+    _say_hollows(arm)
     moment = 9.81 * arm.length * sum(body.mass for body in layout.bodies)
     for chamber in arm.chambers:
         where = _named(chamber)
@@ -132,6 +135,25 @@ def _say_modulus(section: Section) -> None:
             )
 
 
+def _say_hollows(arm: Arm) -> None:
+    """Warn of sections whose EI is not stated and counts large hollows of chambers as full."""
+    for k, section in enumerate(arm.sections):
+        hollow = sum(one.section_area for one in _inside(arm, k) if not one.straight)
+        share = hollow / section.area(0.0)
+        if section.bending_stiffness is None and share > HOLLOW:
+            warnings.warn(
+                f"section {section.name!r}: its bending stiffness, from Young's modulus and radius,"
+                f" counts its chambers as full, {100 * share:.3g} % of its area. State"
+                " bending_stiffness_Nm2, and the mass",
+                stacklevel=2,
+            )
+
+
+def _inside(arm: Arm, k: int) -> list[Chamber]:
+    """The chambers in section k."""
+    return [one for one in arm.chambers if one.start <= k <= one.end % len(arm.sections)]
+
+
 def _within(what: str, value: float, limits: tuple[float, float], unit: str) -> None:
     number(what, value)
     low, high = limits
@@ -173,7 +195,7 @@ def _check_room(arm: Arm) -> None:
     Bellows between discs lie outside the body, so only their circles count.
     """
     for k, section in enumerate(arm.sections):
-        here = [one for one in arm.chambers if one.start <= k <= one.end % len(arm.sections)]
+        here = _inside(arm, k)
         where = f"section {section.name!r}: chambers"
         for at in np.linspace(0, 1, 17) if here else ():
             room, full = section.area(at), sum(c.section_area for c in here if not c.straight)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+import warnings
 from itertools import pairwise
 from pathlib import Path
 
@@ -203,12 +204,14 @@ length_mm = 60
 radius_mm = 12
 inner_radius_mm = 3
 segments = 4
+bending_stiffness_Nm2 = 2e-3
 [[section]]
 name = "up"
 length_mm = 60
 radius_mm = 12
 inner_radius_mm = 3
 segments = 4
+bending_stiffness_Nm2 = 2e-3
 [[cable]]
 name = "rope"
 offset_mm = 11
@@ -296,6 +299,15 @@ def test_misuse_is_one_line(old: str, new: str, message: str) -> None:
         design.read(tomllib.loads(text), "arm.toml")
     assert str(caught.value).startswith("arm.toml: ")
     assert "\n" not in str(caught.value)
+
+
+def test_a_stiffness_that_counts_large_hollows_as_full_is_said() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        design.read(tomllib.loads(TEXT), "arm.toml")
+    text = TEXT.replace("bending_stiffness_Nm2 = 2e-3\n", "", 1)
+    with pytest.warns(UserWarning, match="section 'low': .* counts its chambers as full, 24.7 %"):
+        design.read(tomllib.loads(text), "arm.toml")
 
 
 def test_a_chamber_has_no_winch() -> None:

@@ -51,7 +51,10 @@ def loaded(arm: design.Arm, folder: Path) -> SoftModel:
 
 def pushed() -> SoftModel:
     """An arm with two chambers of 40 mm² on opposite sides, at most 100 kPa; one takes a vacuum."""
-    section = design.Section(0.1, 0.0125, RUBBER, 3, ("bend_y", "bend_z", "extension"))
+    freedoms = ("bend_y", "bend_z", "extension")
+    section = design.Section(
+        0.1, 0.0125, RUBBER, 3, freedoms, bending_stiffness=4e-3, axial_stiffness=100
+    )
     one = design.Chamber(0.0, 0.008, 1e5, area=4e-5, min_pressure=-6e4, name="front")
     two = design.Chamber(np.pi, 0.008, 1e5, area=4e-5, name="back")
     return model_of(design.Arm((section,), chambers=(one, two), name="pushed"))
