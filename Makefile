@@ -75,7 +75,7 @@ $(PRODUCT): pyproject.toml
 	touch $@
 
 $(TESTS): $(PRODUCT)
-	$(PIP) install --editable ".[test,bench,cluster,sysid,rl]"
+	$(PIP) install --editable ".[test,bench,cluster,sysid]"
 	touch $@
 
 $(CHECKS): $(TESTS)

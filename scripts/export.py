@@ -51,8 +51,8 @@ parser.unused(
     "--urdf writes the robot as its file states it",
 )  # fmt: skip
 parser.unused(
-    "--annotations --floating --repair-inertia --root --contacts --no-shapes --force --motors --json",
-    lambda a: a.csv or a.mcap, "--csv and --mcap write a log",
+    "--annotations --floating --repair-inertia --root --contacts --no-shapes --force --motors"
+    " --json", lambda a: a.csv or a.mcap, "--csv and --mcap write a log",
 )  # fmt: skip
 
 
