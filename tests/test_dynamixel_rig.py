@@ -34,7 +34,7 @@ def model(tmp_path_factory):
 
 @pytest.fixture
 def bus(model, monkeypatch):
-    """Two motors whose clock moves by hand, and whose answers have 0.2 s of real time."""
+    """Two motors whose clock moves by hand, and whose answers have 0.2 s of real time or more."""
     hands = Hands()
     winches = dynamixel_bus.Winches(
         model, hands.source.now, example.SPOOL, example.AMPERE, example.TORQUE
@@ -45,6 +45,10 @@ def bus(model, monkeypatch):
     monkeypatch.setattr(example, "time", clock)
     monkeypatch.setattr(example, "PORT", made.path)
     monkeypatch.setattr(example, "PATIENCE", 200.0)
+    # the package waits 0.04 s for the answer to a written register
+    monkeypatch.setattr(
+        PortHandler, "setPacketTimeout", lambda port, _: port.setPacketTimeoutMillis(1000)
+    )
     yield made
     made.close()
 
