@@ -28,7 +28,7 @@ JOINED = "Joined by softdyn attach: change its parts, not this file."
 REFERENCES = {"name", "link", "to", "parent", "child", "frame", "task", "joint", "leader", "tendon"}
 """Fields of a robot's data that hold the name of a link, joint, tendon and the like."""
 NOTES = {"warnings", "ignored", "adopted"}
-SEPARATE = NOTES | {"others", "tasks"}
+SEPARATE = NOTES | {"others", "tasks", "gravity", "forces"}
 """Tuples of a robot that `attach` does not simply put one behind the other."""
 
 
@@ -47,7 +47,7 @@ def attach(
     The new robot has the links, joints, shapes and springs of both, and both ``<softdyn>`` blocks.
     The base's parts come first. The tip of the new robot is the arm's. A tip of the base that does
     not carry the arm remains as a second task, before the arm's. Comments of the two files are
-    lost, and so are other tools' elements inside links and joints.
+    lost, and so are other tools' elements inside links and joints. Gravity is that of the base.
 
     Parameters
     ----------
@@ -123,6 +123,9 @@ class _Part:
     @classmethod
     def of(cls, what: str, source: str | Path | Robot | Design) -> _Part:
         if isinstance(source, Robot):
+            if source.forces:
+                names = ", ".join(repr(force.name) for force in source.forces)
+                raise InputError(what, "a robot without forces of one's own", names)
             return cls(source)
         if isinstance(source, str | Path):
             path = Path(source)
@@ -294,7 +297,7 @@ def _joined(base: Robot, arm: Robot, weld: Joint, name: str) -> Robot:
     both["joints"] = (*base.joints, weld, *arm.joints)
     both["others"] = (*base.others, *(one for one in arm.others if one not in base.others))
     comment = f"\n  {arm.name} on link {weld.parent!r} of {base.name}.\n  {JOINED}\n"
-    robot = Robot(name, floating=base.floating, comment=comment, **both)
+    robot = Robot(name, floating=base.floating, comment=comment, gravity=base.gravity, **both)
     tasks = _tasks(base, arm, robot)
     if only_the_tip(tasks):
         return replace(robot, task=tasks[0].frame)
