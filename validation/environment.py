@@ -185,7 +185,7 @@ class ReachEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         table = read_toml(randomised) if isinstance(randomised, str | Path) else randomised
         where = str(randomised) if isinstance(randomised, str | Path) else "randomised"
         self._errors = DrawnRuns({} if table is None else table, model, where)
-        self._targets = self._targets_of(targets)
+        self._targets = targets if callable(targets) else self._points_of(targets)
         self._reward, self._unit = reward, self._length or 1.0
         if reward is not None and not callable(reward):
             raise InputError("reward", "a callable (state, target, u) -> number", repr(reward))
@@ -228,7 +228,7 @@ class ReachEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._seed = None
         wanted = TomlTable(options or {}, "options").rest(("target",))
         drawn, noise = self._errors.draw(self.np_random), int(self.np_random.integers(SEEDS))
-        target = self._targets(self.np_random)
+        target = self._target(self.np_random)
         if "target" in wanted:
             target = self._point("options: target", wanted["target"])
         self.target, self._aim, self._drawn = target, SetPoint(target), drawn
@@ -379,10 +379,15 @@ class ReachEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             check_reach(self.model, found)
         return found
 
-    def _targets_of(self, given: Any) -> Callable[[np.random.Generator], np.ndarray]:
-        """The function that draws a target."""
-        if callable(given):
-            return lambda rng: self._point("targets", given(rng))
+    def _target(self, rng: np.random.Generator) -> np.ndarray:
+        """A drawn target."""
+        if callable(self._targets):
+            return self._point("targets", self._targets(rng))
+        drawn: np.ndarray = self._targets[int(rng.integers(len(self._targets)))]
+        return drawn
+
+    def _points_of(self, given: Any) -> np.ndarray:
+        """The targets (k, 3) to draw from."""
         if given is None or isinstance(given, int):
             found = statics.spread_rests(self.model, TARGETS, whole("targets", given or 0))
             points = np.array([one.y for one in found])
@@ -392,8 +397,7 @@ class ReachEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             points = np.atleast_2d(np.asarray(given))
         if not len(points):
             raise InputError("targets", "at least one point", "none")
-        points = np.array([self._point("targets", point) for point in points])
-        return lambda rng: points[int(rng.integers(len(points)))]
+        return np.array([self._point("targets", point) for point in points])
 
 
 gymnasium.register(NAME, entry_point=f"{__name__}:{ReachEnv.__name__}")

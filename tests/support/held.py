@@ -19,6 +19,7 @@ from softdyn.loading import load_text
 from softdyn.sensing import Sensor, SensorKind, Sensors
 from softdyn.validation import Rig, Scene, StateMap, Twin, paper, simulate
 from softdyn.validation.channels import every_run
+from softdyn.validation.environment import ReachEnv
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.settings import RunOptions
 from softdyn.validation.studies.engine.case import Case
@@ -70,6 +71,11 @@ class Uses:
         begin = np.nan_to_num(ekf._time, nan=0.0)
         rows = self.readings + 1e-3 * np.arange(9)[:, None]
         return [ekf.step(begin + 0.005 * (k + 1), row, k * PUSH) for k, row in enumerate(rows)]
+
+    def act(self, env: Any) -> list[Any]:
+        """An episode of two periods."""
+        first = env.reset(seed=3)[0]
+        return [first, *(env.step(np.full(2, 0.5))[0] for _ in range(2)), env.episode.inputs]
 
     def drive(self, plant: Any) -> list[Any]:
         """One control period of a plant behind a rig."""
@@ -136,6 +142,9 @@ def objects(uses: Uses) -> list[tuple[Any, Callable[[Any], list[Any]]]]:
     turns = tasks.Turns([0, 1], [np.eye(3)] * 2)
     kinematics, sensors = tasks.LinkKinematics(model), Sensors(observed)
     estimates = uses.estimate(estimation.Ekf(observed, disturbances=("tip_force",)))
+    network = controllers.PolicyNetwork([(np.full((2, 11), 0.1), np.zeros(2))])
+    env = ReachEnv(model, targets=[[0.1, 0.0, -0.1]], horizon=0.02, seed=1)
+    env.reset()
     finger = design.FingerTendon((1,), (0.01,), 10.0)
     data = [
         model, softdyn.load("spirob48"), arm, softdyn.reduce(arm, basis), model.robot, state, goal,
@@ -148,6 +157,7 @@ def objects(uses: Uses) -> list[tuple[Any, Callable[[Any], list[Any]]]]:
         # design
         ARM, *ARM.sections, *ARM.cables, *ARM.motors, *ARM.sensors, ARM.payload, ARM.mount,
         ARM.damping, ARM.sections[0].material, ARM.sections[0].disc, design.design(ARM),
+        design.Chamber(0.0, 0.01, 1e5, area=1e-4), network, env.episode,
         design.lay_out(ARM), finger, design.Finger((0.1,), 0.01, 1000.0, 1.0, 0.1, (finger,)),
         design.LogSpiral(0.3, 0.1, 5, 0.9, 0.02, 1.0, 0.1),
         # estimation
@@ -181,6 +191,7 @@ def objects(uses: Uses) -> list[tuple[Any, Callable[[Any], list[Any]]]]:
         (controllers.Mpc(model, lag=0.02, delay=0.012), uses.control),
         (controllers.Staged(robot("spirob")), lambda one: [one(uses.moving, goal).u]),
         (controllers.InputGuard(model.u_min, model.u_max), lambda one: [one.admit(PUSH)]),
+        (controllers.PolicyController(model, network), uses.control), (env, uses.act),
         (ekf, uses.estimate), (plant, uses.drive), (loop, uses.step),
         (Twin(model), uses.advance),
         (Scene(model, ROOT / "docs/examples/finger_scene.xml"), uses.advance),
