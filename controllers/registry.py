@@ -187,16 +187,31 @@ def is_own(name: str) -> bool:
     return ".py:" in name
 
 
+_LOADED: dict[Path, tuple[bytes, Any]] = {}  # each user's file: its content and its module
+
+
 def _load(path: str) -> Any:
-    """Import a Python file, which may import its neighbours."""
+    """Import a Python file, which may import its neighbours; the same module while it is unchanged.
+
+    Pickle finds a class in `sys.modules` by the file's name. So the latest of several files of one
+    name stands there, but never instead of a module that was imported otherwise.
+    """
     file = Path(path).resolve()
     spec = importlib.util.spec_from_file_location(file.stem, file)
     if not file.is_file() or spec is None or spec.loader is None:
         raise InputError("controller", "an existing Python file", path)
+    before, content = sys.modules.get(file.stem), file.read_bytes()
+    free = before is None or any(before is module for _, module in _LOADED.values())
+    if file in _LOADED and _LOADED[file][0] == content:
+        if free:
+            sys.modules[file.stem] = _LOADED[file][1]
+        return _LOADED[file][1]
     if str(file.parent) not in sys.path:
         sys.path.insert(0, str(file.parent))
     module = importlib.util.module_from_spec(spec)
-    sys.modules.setdefault(file.stem, module)  # dataclasses look up their module here
+    if free:
+        sys.modules[file.stem] = module  # dataclasses look up their module here
     with one_line_errors(path, "a Python file that can be imported"):
         spec.loader.exec_module(module)
+    _LOADED[file] = content, module
     return module
