@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -199,7 +199,8 @@ class TreeModel(SoftModel):
             gear=self.gear.copy(),
         )
         self._constants: tuple[Any, ...] = tuple(constants)
-        if not tendons.wraps:
+        self._wraps = bool(tendons.wraps)
+        if not self._wraps:
             self._constants += (tendons.offset, tendons.coefficients, *tendons.segments)
         count, self._spatial = len(tendons.names), tendons.spatial
         self._joint_rows = self.nv + kernels.JOINT_TERMS + count + self.nu, self.nv
@@ -296,25 +297,26 @@ class TreeModel(SoftModel):
             scratch.memory.copy_from(scratch.data)
         joint_rows, tip_and_lengths = np.empty(self._joint_rows), np.empty(self._tip_and_lengths)
         coordinates = q if self.nq == self.nv else self.chart.of(q)
-        fill: Callable[..., None] = kernels.segments_and_state
-        if self.tendons.wraps:  # there is no kernel for courses around round bodies
-            fill, geometry = kernels.state_terms, self._geometry(coordinates)
+        arguments = scratch.arguments or self._arguments(scratch)
+        if self._wraps:  # there is no kernel for courses around round bodies
+            geometry = self._geometry(coordinates)
             kernels.tip_terms(tip_and_lengths)[2][:] = geometry.lengths
             kernels.tendon_terms(joint_rows, len(geometry.lengths))[0][:] = geometry.moment_arms
-        fill(joint_rows, tip_and_lengths, v, coordinates, *self._arguments(scratch))
+            kernels.state_terms(joint_rows, tip_and_lengths, v, coordinates, *arguments)
+        else:
+            kernels.segments_and_state(joint_rows, tip_and_lengths, v, coordinates, *arguments)
         if here is not q:
             tip_and_lengths[:3] += q[:3]
-        D, extra = self._fixed_D, {}
+        arms, B, D, F = self._fixed_arms, self._fixed_B, self._fixed_D, None
         if self._curved:
             D = read_only(self._bend_springs(joint_rows, tip_and_lengths, coordinates, v))
         if self._forces:
-            extra["F"] = self.forces_at(q, v)
-            kernels.joint_terms(joint_rows)[5][:] -= extra["F"]
+            F = self.forces_at(q, v)
+            kernels.joint_terms(joint_rows)[5][:] -= F
         for filled in (q, v, joint_rows, tip_and_lengths):
             filled.flags.writeable = False
         M, J, Jdot, bias, K, h, g = kernels.joint_terms(joint_rows)
         y, ydot, lengths = kernels.tip_terms(tip_and_lengths)
-        arms, B = self._fixed_arms, self._fixed_B
         if self._spatial:
             arms, inputs = kernels.tendon_terms(joint_rows, len(lengths))
             B = inputs.T
@@ -322,10 +324,13 @@ class TreeModel(SoftModel):
             D = read_only(self._damping_matrix(arms, taut_gains(self, lengths, arms @ v)[1]))
         elif self._damped:
             D = read_only(self._damping_matrix(arms, self.tendon_damping))
-        return State.trusted(
+        state = State.trusted(
             model=self, q=q, v=v, M=M, bias=bias, K=K, D=D, B=B, h=h, g=g, J=J, Jdot=Jdot,
-            y=y, ydot=ydot, lengths=lengths, moment_arms=arms, **extra,
+            y=y, ydot=ydot, lengths=lengths, moment_arms=arms,
         )  # fmt: skip
+        if F is not None:
+            vars(state)["F"] = F
+        return state
 
     def _bend_springs(
         self,
