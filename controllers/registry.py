@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from softdyn import InputError, SoftdynError, SoftModel
 from softdyn.checks import did_you_mean, instance
@@ -187,7 +187,20 @@ def is_own(name: str) -> bool:
     return ".py:" in name
 
 
-_LOADED: dict[Path, tuple[bytes, Any]] = {}  # each user's file: its content and its module
+class _Loaded(NamedTuple):
+    """A user's file that was imported: its content, its module, modules of the files beside it."""
+
+    content: bytes
+    module: Any
+    beside: dict[str, Any]
+
+    @property
+    def current(self) -> bool:
+        """Whether the modules of the files beside it are still those that it could import."""
+        return all(sys.modules.get(name) is module for name, module in self.beside.items())
+
+
+_LOADED: dict[Path, _Loaded] = {}
 
 
 def _load(path: str) -> Any:
@@ -200,12 +213,12 @@ def _load(path: str) -> Any:
     spec = importlib.util.spec_from_file_location(file.stem, file)
     if not file.is_file() or spec is None or spec.loader is None:
         raise InputError("controller", "an existing Python file", path)
-    before, content = sys.modules.get(file.stem), file.read_bytes()
-    free = before is None or any(before is module for _, module in _LOADED.values())
-    if file in _LOADED and _LOADED[file][0] == content:
+    before, content, kept = sys.modules.get(file.stem), file.read_bytes(), _LOADED.get(file)
+    free = before is None or any(before is one.module for one in _LOADED.values())
+    if kept is not None and kept.content == content and kept.current:
         if free:
-            sys.modules[file.stem] = _LOADED[file][1]
-        return _LOADED[file][1]
+            sys.modules[file.stem] = kept.module
+        return kept.module
     if str(file.parent) not in sys.path:
         sys.path.insert(0, str(file.parent))
     module = importlib.util.module_from_spec(spec)
@@ -213,5 +226,7 @@ def _load(path: str) -> Any:
         sys.modules[file.stem] = module  # dataclasses look up their module here
     with one_line_errors(path, "a Python file that can be imported"):
         spec.loader.exec_module(module)
-    _LOADED[file] = content, module
+    names = [one.stem for one in file.parent.glob("*.py") if one != file]
+    near = {name: sys.modules[name] for name in names if name in sys.modules}
+    _LOADED[file] = _Loaded(content, module, near)
     return module
