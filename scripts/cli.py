@@ -572,14 +572,19 @@ class Results:
 
     def tell(self, report: dict[str, Any], target: str | None, text: str) -> None:
         """Write the report as `write_report` does, and print all files."""
+        from softdyn import InputError
         from softdyn.validation.files import write_json
 
         if target not in (None, "-"):
             self.save(lambda path: write_json(path, report), target)
             target = None
         text = "\n".join(filter(None, [text, *(f"wrote {path}" for path in self.written)]))
-        if text or target is not None:
-            write_report(report, target, text)
+        try:
+            if text or target is not None:
+                write_report(report, target, text)
+        except InputError as error:  # no bad input, as the run is over
+            print(f"error: {error}", file=sys.stderr)
+            self.lost = True
 
 
 def is_own(out: Path, mark: str) -> bool:

@@ -130,7 +130,7 @@ def test_a_rollout_that_has_no_room_is_said(tmp_path: Path, capsys) -> None:
 def test_a_full_disk_behind_stdout_is_no_success(monkeypatch, capsys) -> None:
     with open("/dev/full", "w") as full, monkeypatch.context() as patch:
         patch.setattr(sys, "stdout", full)
-        assert run.main([*RUN[1:], "--json", "-"]) == 2
+        assert run.main([*RUN[1:], "--json", "-"]) == 1
     assert capsys.readouterr().err == (
         "error: stdout: expected a stream to write to, got No space left on device\n"
     )
