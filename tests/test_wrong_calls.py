@@ -12,6 +12,7 @@ import softdyn
 from softdyn import InputError, controllers, design, identification, statics
 from softdyn.actuation import Capstan
 from softdyn.description.rig import CommandKind, Sensor, SensorKind
+from softdyn.description.robot import NO_FLUID
 from softdyn.design import log_spiral
 from softdyn.tasks import PointTask
 from softdyn.validation import StateMap, Twin
@@ -102,7 +103,7 @@ DESIGN = [
     (design.Arm,
      {"sections": (SECTION,), "damping": design.Damping(0.1), "cables": (), "payload": None,
       "mount": design.Mount(), "tip": (0, 0, 0), "rule": design.midpoint, "unusual": False,
-      "name": "one", "motors": (), "sensors": (), "chambers": ()}),
+      "name": "one", "motors": (), "sensors": (), "chambers": (), "fluid": NO_FLUID}),
     (design.FingerTendon,
      {"joints": (1,), "moment_arms": (0.01,), "max_tension": 1.0, "pair": False, "name": "one"}),
     (design.Finger,

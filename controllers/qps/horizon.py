@@ -60,7 +60,7 @@ class Horizon:
             v = state.v if self._slackens else None
             stiffness = self._model.tangent_stiffness(state.q, v)
         D = state.D
-        if self._model.forces:
+        if self._model.forced:
             by_q, by_v = self._model.force_derivatives(state.q, state.v)
             stiffness = stiffness - (by_q + by_q.T) / 2
             D = read_only(D - (by_v + by_v.T) / 2)

@@ -20,6 +20,8 @@ from softdyn.description.rig_block import (
 )
 from softdyn.description.robot import (
     MOST_FRICTION,
+    NO_FLUID,
+    Fluid,
     Joint,
     JointTerm,
     Link,
@@ -37,6 +39,7 @@ from softdyn.description.stated_task import StatedTask, only_the_tip, read_tasks
 from softdyn.description.strict_xml import Element
 
 BLOCK, VERSION = "softdyn", "1"
+CHILDREN = ("joint", "tendon", "actuator", "sensor", "task", "fluid")
 CURVES = ("stiffness_poly", "damping_poly")
 TENDON = ("stiffness", "damping", "rest", "slack", "friction", "driven", *CURVES)
 ENDS = tuple(end.value for end in PathEnd)
@@ -56,6 +59,7 @@ class AnnotationBlock:
     task: str | None = None
     tasks: tuple[StatedTask, ...] = ()
     gravity: Vector | None = None
+    fluid: Fluid = NO_FLUID
 
 
 def read_block(
@@ -68,7 +72,7 @@ def read_block(
     """
     if block.text("version") != VERSION:
         raise block.error(f'version="{VERSION}"', repr(block.text("version")))
-    block.allow("version", "gravity", children=("joint", "tendon", "actuator", "sensor", "task"))
+    block.allow("version", "gravity", children=CHILDREN)
     compliance = _compliance if overlay else _armature
     joints.update(block.unique("joint", lambda element: compliance(element, joints)))
     tendons = block.unique("tendon", lambda element: _tendon(element, links, joints))
@@ -84,7 +88,15 @@ def read_block(
         tasks[0].frame if tasks else None,
         () if only_the_tip(tasks) else tasks,
         None if block.node.get("gravity") is None else block.vector("gravity"),
+        _fluid(block.child("fluid")),
     )
+
+
+def _fluid(element: Element | None) -> Fluid:
+    if element is None:
+        return NO_FLUID
+    element.allow("density", "viscosity")
+    return Fluid(element.non_negative("density"), element.non_negative("viscosity"))
 
 
 def read_springs(root: Element, joints: dict[str, Joint]) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.checks import read_only
+from softdyn.checks import number, read_only
 from softdyn.copies import content
 from softdyn.description.inertia import IDENTITY, ZERO, Inertia, Origin, Vector, symmetric
 from softdyn.description.rig import Actuator, Sensor
@@ -242,6 +242,31 @@ class Tendon:
 
 
 @dataclass(frozen=True)
+class Fluid:
+    """The fluid around a robot: density (kg/m³) and viscosity (Pa s); see `softdyn.dynamics.fluid`.
+
+    Raises
+    ------
+    InputError
+        For a number below zero or not finite.
+    """
+
+    density: float = 0.0
+    viscosity: float = 0.0
+
+    def __post_init__(self) -> None:
+        number("density", self.density, lower=0.0)
+        number("viscosity", self.viscosity, lower=0.0)
+
+    def __bool__(self) -> bool:
+        """Whether it acts."""
+        return self.density > 0 or self.viscosity > 0
+
+
+NO_FLUID = Fluid()
+
+
+@dataclass(frozen=True)
 class Robot:
     """One robot: the tree, its compliance and its annotations, each number as its file states it.
 
@@ -285,6 +310,8 @@ class Robot:
         The file with the ``<softdyn>`` block, if it is not `path`.
     gravity : tuple of float, (3,)
         Acceleration of gravity in the world's axes (m/s²), which a tilted base turns.
+    fluid : Fluid
+        The fluid around the robot, by default none.
     forces : tuple of softdyn.dynamics.Force
         Forces of a user's own, which no file holds; see `SoftModel.with_forces`.
     adopted : tuple of str
@@ -315,6 +342,7 @@ class Robot:
     overlay: Path | None = field(default=None, compare=False)
     forces: tuple[Any, ...] = field(default=(), compare=False)
     gravity: Vector = EARTH
+    fluid: Fluid = NO_FLUID
     adopted: tuple[str, ...] = field(default=(), compare=False)
     root_folder: Path | None = field(default=None, compare=False)
 
@@ -380,6 +408,8 @@ class Robot:
             parts += (wraps,)
         if self.gravity != EARTH:
             parts += (("gravity", self.gravity),)
+        if self.fluid:
+            parts += (self.fluid,)
         if self.forces:
             parts += ([content(force) for force in self.forces],)
         return hashlib.sha256(repr(parts).encode()).hexdigest()

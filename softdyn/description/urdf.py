@@ -197,6 +197,7 @@ def _robot(
         task=block.task or deepest_leaf(robot),
         tasks=block.tasks,
         gravity=_gravity(root if element is None else element, block.gravity, gravity),
+        fluid=block.fluid,
         xml=etree.tostring(_judged(root), encoding="unicode"),
         text=etree.tostring(root.node, encoding="unicode"),
         annotations=block_text,

@@ -161,6 +161,8 @@ def _block(robot: Robot) -> list[str]:
         lines += [tag("task", **_task(task)) for task in robot.tasks]
     elif robot.task:
         lines.append(tag("task", frame=robot.task))
+    if fluid := robot.fluid:
+        lines.append(tag("fluid", density=fluid.density or None, viscosity=fluid.viscosity or None))
     gravity = None if robot.gravity == EARTH else robot.gravity
     return _nested(BLOCK, lines, version=VERSION, gravity=gravity)
 

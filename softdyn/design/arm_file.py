@@ -87,7 +87,9 @@ def robot(layout: Layout) -> Robot:
         pressures = Input(one.section_area, (one.min_pressure, one.max_pressure))
         chain.pull(_tendon(layout, one), pressures, unit=PASCAL, **words.get(one.name, {}))
     sensors = [placed for sensor in arm.sensors for placed in _sensors(layout, sensor)]
-    return chain.finish(tip, sensors=sensors, tasks=arm.tasks, gravity=arm.mount.gravity)
+    return chain.finish(
+        tip, sensors=sensors, tasks=arm.tasks, gravity=arm.mount.gravity, fluid=arm.fluid
+    )
 
 
 def comment(layout: Layout) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 from lxml import etree
 
 from softdyn.description.rig import CommandKind, Sensor, SensorKind
-from softdyn.description.robot import EARTH
+from softdyn.description.robot import EARTH, NO_FLUID, Fluid
 from softdyn.description.stated_task import StatedTask, read_tasks
 from softdyn.description.strict_xml import Element
 from softdyn.design.cables import ArmSensor, Cable, CableMotor, Chamber
@@ -84,6 +84,7 @@ def read_arm(table: TomlTable) -> Arm:
             chambers=tuple(chambers),
             damping=_damping(table.table("damping")),
             mount=read_mount(table.table("mount")),
+            fluid=_fluid(table.table("fluid")),
             payload=_payload(table.table("payload")),
             tip=table.vector("tip", "length", (0.0, 0.0, 0.0)),
             rule=table.choice("joints", RULES, "gauss"),
@@ -101,6 +102,18 @@ def read_name(table: TomlTable) -> str:
     if not name or not name.isprintable():
         raise table.error("name", "a name of printable letters", repr(name))
     return name
+
+
+def _fluid(table: TomlTable | None) -> Fluid:
+    """The fluid around the arm; by default there is none."""
+    if table is None:
+        return NO_FLUID
+    with errors_in(table.where):
+        fluid = Fluid(
+            table.number("density", "density", 0.0), table.number("viscosity", "viscosity", 0.0)
+        )
+    table.rest()
+    return fluid
 
 
 def read_mount(table: TomlTable | None) -> Mount:

@@ -297,7 +297,9 @@ def _joined(base: Robot, arm: Robot, weld: Joint, name: str) -> Robot:
     both["joints"] = (*base.joints, weld, *arm.joints)
     both["others"] = (*base.others, *(one for one in arm.others if one not in base.others))
     comment = f"\n  {arm.name} on link {weld.parent!r} of {base.name}.\n  {JOINED}\n"
-    robot = Robot(name, floating=base.floating, comment=comment, gravity=base.gravity, **both)
+    robot = Robot(name, floating=base.floating, comment=comment, gravity=base.gravity,
+        fluid=base.fluid, **both,
+    )  # fmt: skip
     tasks = _tasks(base, arm, robot)
     if only_the_tip(tasks):
         return replace(robot, task=tasks[0].frame)

@@ -11,7 +11,9 @@ from softdyn.description.inertia import Inertia
 from softdyn.description.rig import Actuator, Sensor
 from softdyn.description.robot import (
     EARTH,
+    NO_FLUID,
     ZERO,
+    Fluid,
     Joint,
     Link,
     Origin,
@@ -109,6 +111,7 @@ class Chain:
         sensors: Sequence[Sensor] = (),
         tasks: tuple[StatedTask, ...] = (),
         gravity: Sequence[float] = EARTH,
+        fluid: Fluid = NO_FLUID,
     ) -> Robot:
         """Return the robot; its tip is at a pose in the last link."""
         self.add("tip", xyz=xyz, angles=angles)
@@ -116,7 +119,7 @@ class Chain:
             self.name, tuple(self._links), tuple(self._joints), tuple(self._tendons),
             tuple(self._actuators), tasks[0].frame if tasks else "tip", self._materials,
             sensors=tuple(sensors), tasks=() if only_the_tip(tasks) else tasks,
-            comment=self.comment, gravity=vector(gravity),
+            comment=self.comment, gravity=vector(gravity), fluid=fluid,
         )  # fmt: skip
 
 

@@ -25,7 +25,7 @@ from softdyn.checks import (
     whole,
 )
 from softdyn.description.rig import CommandKind
-from softdyn.description.robot import EARTH
+from softdyn.description.robot import EARTH, NO_FLUID, Fluid
 from softdyn.description.stated_task import StatedTask
 from softdyn.design.cables import (
     ArmSensor,
@@ -299,6 +299,8 @@ class Arm:
         Of the links "tip" and "segment_k"; the position of the tip if there are none.
     chambers : tuple of Chamber
         Their inputs follow those of the cables.
+    fluid : Fluid
+        The fluid around the arm, by default none.
     """
 
     sections: tuple[Section, ...]
@@ -314,11 +316,13 @@ class Arm:
     sensors: tuple[ArmSensor, ...] = ()
     tasks: tuple[StatedTask, ...] = ()
     chambers: tuple[Chamber, ...] = ()
+    fluid: Fluid = NO_FLUID
 
     def __post_init__(self) -> None:
         kinds: dict[str, tuple[Any, str]] = {
             "damping": (Damping, "a Damping"),
             "mount": (Mount, "a Mount"),
+            "fluid": (Fluid, "a Fluid"),
             "payload": ((Payload, type(None)), "a Payload"),
             "name": (str, "a text"),
         }

@@ -135,7 +135,7 @@ def total_damping(state: State) -> np.ndarray:
         at = state.lengths, arms @ state.v
         more = taut_slopes(model, *at)[1] - taut_gains(model, *at)[1]
         D = D + arms.T @ (more[:, None] * arms)
-    return D if not model.forces else D - model.force_derivatives(state.q, state.v)[1]
+    return D if not model.forced else D - model.force_derivatives(state.q, state.v)[1]
 
 
 def mass_columns(model: SoftModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:

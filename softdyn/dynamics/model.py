@@ -113,6 +113,11 @@ class SoftModel(Protocol):
         """The forces of one's own that act on the robot; see `with_forces`."""
         return self.robot.forces
 
+    @property
+    def forced(self) -> bool:
+        """Whether F acts: forces of one's own, or the drag of a fluid."""
+        return bool(self.robot.forces or self.robot.fluid)
+
     def with_forces(self, *forces: Any) -> SoftModel:
         """A new model of the robot, on which further forces act.
 

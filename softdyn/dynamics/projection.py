@@ -52,7 +52,7 @@ class Projection(SoftModel):
             "Jdot": full.Jdot @ S, "moment_arms": full.moment_arms @ S,
         }  # fmt: skip
         state = replace(full, model=self, **found)
-        if self.forces:
+        if self.forced:
             vars(state)["F"] = read_only(S.T @ full.F)
         return state
 

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from softdyn.checks import did_you_mean, read_only, vector
 from softdyn.compiled import COMPILES
-from softdyn.description.robot import Robot
+from softdyn.description.robot import NO_FLUID, Robot
 from softdyn.dynamics import kernels
 from softdyn.dynamics.coordinates import Coordinates
 from softdyn.dynamics.curves import curves_of
@@ -24,6 +24,7 @@ from softdyn.dynamics.engine import (
     joint_tree,
     moved_bodies,
 )
+from softdyn.dynamics.fluid import FluidDrag
 from softdyn.dynamics.forces import (
     check_forces,
     copied_forces,
@@ -163,8 +164,11 @@ class TreeModel(SoftModel):
     def _take_forces(self) -> None:
         """Let the robot's own forces act; they see this model without them."""
         self._assemble = self._by_kernel if COMPILES else self._in_numpy
-        self._forces = check_forces(self.robot.forces)
-        free = replace(self.robot, forces=()) if self._forces else self.robot
+        robot, self._forces = self.robot, check_forces(self.robot.forces)
+        if robot.fluid:
+            drag = FluidDrag(self.engine, robot.fluid, self.chart.floating)
+            self._forces = (*self._forces, drag)
+        free = replace(robot, forces=(), fluid=NO_FLUID) if self._forces else robot
         self.unforced = self if free is self.robot else self._sharing(free)
 
     def _sharing(self, robot: Robot) -> TreeModel:

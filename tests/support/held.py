@@ -148,6 +148,7 @@ def objects(uses: Uses) -> list[tuple[Any, Callable[[Any], list[Any]]]]:
     finger = design.FingerTendon((1,), (0.01,), 10.0)
     data = [
         model, softdyn.load("spirob48"), arm, softdyn.reduce(arm, basis), model.robot, state, goal,
+        model.robot.fluid,
         SetPoint([0.1, 0, 0.1]), Reference([0.1, 0, 0.1], yddot=[0.0, 0.0, 1.0]), basis,
         # controllers
         Gains(Kp=1.0), controllers.MpcParameters(), stage,

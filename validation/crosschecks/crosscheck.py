@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from softdyn.description.robot import NO_FLUID
 from softdyn.dynamics.forces import differences, energy_of
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.projection import underlying_tree
@@ -64,7 +65,7 @@ SCALES = {
     "trajectory": "1 rad and 1 rad/s",
 }
 QUANTITIES = tuple(SCALES)
-FORCE = "F"  # forces of one's own, in robots that have some
+FORCE = "F"  # forces of one's own, or a fluid's, in robots that have some
 GIVEN = "given, not checked; its derivatives and energy against finite differences"
 TOLERANCE_FORCE = 1e-4
 DIFFERENCE = 1e-5  # rad, m; of an energy
@@ -190,10 +191,13 @@ def crosscheck(
                 errors = [run.max_error for run in runs if run.duration]
                 errors += [rung.engine_error for ladder in ladders for rung in ladder.rungs]
                 tally.errors["trajectory"] = float(np.max(errors))
-    tolerances = RIG_TOLERANCES | _tolerances(model) | {FORCE: TOLERANCE_FORCE}
-    names = QUANTITIES if trajectories else QUANTITIES[:-1]
+    tolerances = RIG_TOLERANCES | _tolerances(model)
     if model.forces:
+        tolerances[FORCE] = TOLERANCE_FORCE
+    names = QUANTITIES if trajectories else QUANTITIES[:-1]
+    if model.forced:
         names = (*names[:-1], FORCE, names[-1])
+    if model.forces:
         rng = np.random.default_rng((seed, 2))
         with tally.guard(FORCE):
             errors = [given_error(model, *random_state(model, rng)) for _ in range(samples)]
@@ -204,14 +208,14 @@ def crosscheck(
         names += tuple(rig)
     return CrossCheck(
         model.name, model.nv, model.nu, samples, seed,
-        _verdicts(tally, tolerances, names, model.nv), tally.condition, runs, ladders,
+        _verdicts(tally, tolerances, names, model), tally.condition, runs, ladders,
     )  # fmt: skip
 
 
 def _verdicts(
-    tally: Tally, tolerances: dict[str, float], names: Iterable[str], rows: int
+    tally: Tally, tolerances: dict[str, float], names: Iterable[str], model: SoftModel
 ) -> tuple[Check, ...]:
-    """One check per quantity of a robot whose M has `rows` rows.
+    """One check per quantity of a robot.
 
     A solve by M of n rows errs by up to about n ε cond(M), relative to q̈ (Higham, Accuracy and
     Stability of Numerical Algorithms, section 10.1), and what is integrated by about ε cond(M). No
@@ -221,8 +225,8 @@ def _verdicts(
     from the terms. Else the terms that differ may be why it could not.
     """
     rounding = ROUNDING * tally.condition
-    floors = dict.fromkeys(SOLVED, rows * rounding) | dict.fromkeys(INTEGRATED, rounding)
-    scales = SCALES | RIG_SCALES | {FORCE: GIVEN}
+    floors = dict.fromkeys(SOLVED, model.nv * rounding) | dict.fromkeys(INTEGRATED, rounding)
+    scales = SCALES | RIG_SCALES | {FORCE: GIVEN if model.forces else SCALES["bias"]}
     checks = [
         Check(
             name, tally.errors[name],
@@ -269,7 +273,7 @@ def _compare_rigs(
 
 def _tolerances(model: SoftModel) -> dict[str, float]:
     """Tolerance of each quantity; a quantity that depends on spatial tendons gets the wider one."""
-    found = dict.fromkeys(QUANTITIES, TOLERANCE) | {"trajectory": TOLERANCE_TRAJECTORY}
+    found = dict.fromkeys((*QUANTITIES, FORCE), TOLERANCE) | {"trajectory": TOLERANCE_TRAJECTORY}
     spatial = [tendon for tendon in model.robot.tendons if tendon.sites]
     driven = {actuator.tendon for actuator in model.robot.actuators}
     for quantity, enters in (
@@ -291,7 +295,7 @@ def given_error(model: SoftModel, q: np.ndarray, v: np.ndarray) -> float:
     gradient of the energy. The force itself is given: the twin calls the same object.
     """
     tree, S = underlying_tree(model)
-    free = rebuild(tree, replace(tree.robot, forces=()))
+    free = rebuild(tree, replace(tree.robot, forces=(), fluid=NO_FLUID))
     q, v = (q, v) if S is None else (model.expand(q), S @ v)  # type: ignore[attr-defined]
     found = 0.0
     for force in model.forces:
@@ -361,6 +365,8 @@ def _compare_at(
             "length": (lengths, judge.lengths, length),
             "energy": (energy, judge.energy, weight),
         }
+        if model.robot.fluid and not model.forces:
+            pairs[FORCE] = (state.F, judge.F, inertia)
         if judge.nu == model.nu:
             pairs["B"] = (state.B, judge.B, gear * length)
             qdd = model.forward_dynamics(q, v, u)

@@ -130,6 +130,11 @@ class MujocoTerms:
         self._velocity(self._qvel)
         return gravity
 
+    def F(self) -> np.ndarray:
+        """Forces of a fluid (nv,)."""
+        found: np.ndarray = self._map.T @ self._data.qfrc_fluid
+        return found
+
     def K(self) -> np.ndarray:
         """Spring forces (nv,) of joints and tendons, on the left-hand side."""
         springs = -self._map.T @ self._data.qfrc_spring

@@ -20,7 +20,7 @@ from softdyn.validation.files import write_text
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
 from softdyn.validation.mjcf.comparison.finding import beyond_urdf
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
-from softdyn.validation.mjcf.comparison.neutral import Neutral, Numbers
+from softdyn.validation.mjcf.comparison.neutral import FLUID, Neutral, Numbers
 from softdyn.validation.mjcf.comparison.result import Comparison
 from softdyn.validation.mjcf.comparison.side import Side, neutral
 from softdyn.validation.mjcf.mjcf_file import Contents
@@ -153,7 +153,9 @@ def unsaid(robot: Neutral) -> Iterator[str]:
         yield from _unsaid(f"that {tie.joint!r} follows {tie.leader!r}", tie.more)
     for equality in robot.equalities:
         yield f"equality {equality.kind}: {' and '.join(equality.ends)}"
-    yield from (f"{field} {_text(value)}" for field, value in robot.features.items())
+    for field, value in robot.features.items():
+        if field not in FLUID:
+            yield f"{field} {_text(value)}"
 
 
 def _unsaid(where: str, fields: dict[str, Numbers]) -> Iterator[str]:

@@ -102,7 +102,9 @@ class _Writer:
         add(root, "compiler", angle="radian", autolimits="false")
         # only what the motion needs, because other simulators refuse options that they do not know
         option = add(root, "option", gravity=self._neutral.gravity, timestep=timestep,
-                     integrator="implicitfast", cone="elliptic" if contacts else None)  # fmt: skip
+                     integrator="implicitfast", density=self._robot.fluid.density or None,
+                     viscosity=self._robot.fluid.viscosity or None,
+                     cone="elliptic" if contacts else None)  # fmt: skip
         if not contacts:
             add(option, "flag", contact="disable")
         self._asset = add(root, "asset")

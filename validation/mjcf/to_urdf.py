@@ -20,6 +20,7 @@ from softdyn.description.rig import CommandKind
 from softdyn.description.robot import (
     ZERO,
     Actuator,
+    Fluid,
     Joint,
     JointTerm,
     Link,
@@ -34,6 +35,7 @@ from softdyn.description.robot import (
     deepest_leaf,
 )
 from softdyn.validation.mjcf.comparison.neutral import (
+    FLUID,
     WORLD,
     Frame,
     Neutral,
@@ -118,9 +120,10 @@ def to_urdf(
     tendons = list(_tendons(source, link_of, lost))
     actuators = tuple(_actuators(source, tendons, lost))
     x, y, z = source.gravity.tolist()
+    fluid = Fluid(*(source.features.get(name, (0.0,))[0] for name in FLUID))
     robot = Robot(
         name, tuple(links), tuple(joints), tuple(tendons), actuators, floating=floating,
-        gravity=(x, y, z),
+        gravity=(x, y, z), fluid=fluid,
         comment=f" {name}, written by softdyn from {source.path.name} ",
     )  # fmt: skip
     return Converted(replace(robot, task=deepest_leaf(robot)), tuple(lost))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import mujoco
 
 from softdyn.checks import number
-from softdyn.description.robot import EARTH, Vector
+from softdyn.description.robot import EARTH, NO_FLUID, Fluid, Vector
 from softdyn.validation.twin.integrators import Integrator
 
 # MuJoCo's default stops are so soft that a hanging arm sinks centimetres through them, and its
@@ -33,6 +33,8 @@ class Settings:
         Whether joint limits act, links touch, and joints have their dry friction.
     gravity : tuple of float, (3,)
         Acceleration of gravity (m/s²).
+    fluid : Fluid
+        The fluid around the robot.
 
     Raises
     ------
@@ -46,6 +48,7 @@ class Settings:
     contacts: bool
     friction: bool
     gravity: Vector = EARTH
+    fluid: Fluid = NO_FLUID
 
     def __post_init__(self) -> None:
         number("timestep", self.timestep, above=0.0)
@@ -60,7 +63,7 @@ class Settings:
         compiler.alignfree = False
         compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
         option.gravity = self.gravity
-        option.density = option.viscosity = 0.0
+        option.density, option.viscosity = self.fluid.density, self.fluid.viscosity
         option.wind = (0.0, 0.0, 0.0)
         option.solver = mujoco.mjtSolver.mjSOL_NEWTON
         option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC

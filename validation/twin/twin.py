@@ -139,7 +139,13 @@ class Twin(Separate):
         rubs = (rig or friction) and any(tendon.rubs for tendon in self.robot.tendons)
         scheme = integrator_of(integrator)
         settings = Settings(
-            timestep, scheme, limits, contacts, friction or rubs, self.robot.gravity
+            timestep,
+            scheme,
+            limits,
+            contacts,
+            friction or rubs,
+            self.robot.gravity,
+            self.robot.fluid,
         )
         self.floating = self.robot.floating
         text = self.robot.text if self.robot.mended else ""

@@ -13,6 +13,7 @@ import numpy as np
 from softdyn.description.inertia import Inertia
 from softdyn.description.rig import Actuator
 from softdyn.description.robot import (
+    Fluid,
     Robot,
     Site,
     Tendon,
@@ -29,6 +30,7 @@ from softdyn.validation.mjcf.comparison.neutral import (
     Motor,
     Neutral,
     NeutralTendon,
+    Numbers,
     Part,
     Point,
     shape_points,
@@ -136,7 +138,7 @@ def from_urdf(robot: Robot) -> Neutral:
             frames[name] = Frame(on(body), placed[body] @ place)
     return Neutral(
         robot.path, "urdf", tuple(parts), frames, tuple(cables), motors, couplings, orders=orders,
-        sensors=sensors, gravity=np.array(robot.gravity),
+        sensors=sensors, gravity=np.array(robot.gravity), features=_fluid(robot.fluid),
     )  # fmt: skip
 
 
@@ -207,3 +209,9 @@ def _efforts(robot: Robot) -> dict[str, float]:
         if force > 0:
             found[term.joint] = min(found.get(term.joint, math.inf), force)
     return found
+
+
+def _fluid(fluid: Fluid) -> dict[str, Numbers]:
+    """A fluid by MuJoCo's names of its numbers."""
+    found = {"opt.density": (fluid.density,), "opt.viscosity": (fluid.viscosity,)}
+    return {name: values for name, values in found.items() if values[0]}

@@ -22,6 +22,7 @@ from softdyn.validation.mjcf.compiled_rig import NeutralSensor
 from softdyn.validation.mjcf.transform import Transform
 
 Numbers = tuple[float, ...]
+FLUID = ("opt.density", "opt.viscosity")  # names of a fluid's numbers among the features
 WORLD = -1  # the parent of parts on the fixed root
 FREEDOMS = {"hinge": 1, "slide": 1, "ball": 3, "free": 6}
 STRAIGHT = 1e-9  # relative excess of a way that still counts as straight
