@@ -63,7 +63,7 @@ class InputScale:
 
 
 class PolicyView:
-    """What a policy sees: the named parts of an observation, one after the other.
+    """The observation of a policy: its named parts, one after the other.
 
     ========  ===========================================================================
     part      numbers

@@ -58,7 +58,7 @@ class Refused:
 
 @dataclass(frozen=True)
 class Searched:
-    """What the element holds decides: the function raises an error, or it is ignored."""
+    """The content of the element decides: a function raises an error, or it is ignored."""
 
     search: Callable[[Element], None]
 

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from softdyn.checks import array, vector
 from softdyn.dynamics.balance import ForceBalance
-from softdyn.dynamics.model import SoftModel, State, check_model, taut_gains, taut_slopes
+from softdyn.dynamics.model import SoftModel, State, check_model
 from softdyn.dynamics.projection import Projection, project, underlying_tree
 from softdyn.dynamics.tree import tree_of
 
@@ -128,13 +128,11 @@ def total_damping(state: State) -> np.ndarray:
     """
     model, D = state.model, state.D
     if model.curved:
-        (tree, S), arms = underlying_tree(model), state.moment_arms
-        if (curves := tree.joint_curves) is not None:
-            v = state.v if S is None else S @ state.v
-            D = D + project(S, np.diag(curves.tangents(v, v)[1] - curves.secants(v, v)[1]))
-        at = state.lengths, arms @ state.v
-        more = taut_slopes(model, *at)[1] - taut_gains(model, *at)[1]
-        D = D + arms.T @ (more[:, None] * arms)
+        tree, S = underlying_tree(model)
+        q = model.expand(state.q) if isinstance(model, Projection) else state.q
+        v, cables = state.v if S is None else S @ state.v, tree.tendon_geometry(q)
+        at = tree.coordinates(q), cables.lengths, cables.moment_arms, v
+        D = project(S, tree.passive_forces(*at).by_v)
     return D if not model.forced else D - model.force_derivatives(state.q, state.v)[1]
 
 

@@ -128,7 +128,7 @@ def test_acceleration_by_parameters(name, tmp_path):
 
 
 def test_acceleration_by_a_bending_stiffness_and_an_offset(tmp_path):
-    """Of an arm's design, where the identification has differences."""
+    """They are those of an arm's design, where the identification has differences."""
     (tmp_path / "arm.toml").write_text(THREE_SECTIONS, "utf-8")
     design = DesignFile(tmp_path / "arm.toml")
     unknowns = design.unknowns(["youngs_modulus", "offset"])

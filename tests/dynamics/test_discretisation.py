@@ -191,7 +191,7 @@ def test_full_inputs_and_violent_states_always_have_a_step(name):
 
 
 def test_jacobians_of_divided_steps_follow_the_chain_rule():
-    """Of a helix at full inputs from violent states, where one step has no solution."""
+    """A helix has full inputs and violent states, where one step has no solution."""
     model, rng, compared = softdyn.load("helix"), np.random.default_rng(5), 0
     n, size = model.nv, model.upper - model.lower
     for _ in range(40):

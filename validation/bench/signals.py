@@ -34,7 +34,7 @@ class Overdue(BaseException):
 
 
 class Signals:
-    """What the process was told: the first of Ctrl-C, SIGTERM and SIGHUP.
+    """The signal that ends the process: the first of Ctrl-C, SIGTERM and SIGHUP.
 
     Attributes
     ----------

@@ -224,7 +224,7 @@ def plant_of(model: SoftModel, options: RunOptions, period: float, timestep: flo
 
 
 def known_rig(plant: Plant, sees: bool) -> KnownRig | None:
-    """What a controller knows of a plant's rig; None where that is the robot's file.
+    """The part of a plant's rig that a controller knows; None where that is the robot's file.
 
     Parameters
     ----------

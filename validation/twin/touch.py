@@ -15,7 +15,7 @@ CHANNEL = "contact_force"
 
 
 class Touch:
-    """What a plant records of a twin's contacts with solid obstacles.
+    """The record of a twin's contacts with solid obstacles.
 
     Parameters
     ----------

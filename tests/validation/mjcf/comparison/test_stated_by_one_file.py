@@ -1,4 +1,4 @@
-"""What only one file states fails if it changes the motion, and only then.
+"""A comparison fails by a statement of one file alone if that changes the motion, and only then.
 
 The right values are worked out by hand for one or two joints.
 """
