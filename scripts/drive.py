@@ -37,14 +37,16 @@ finite; after --missed deadlines in a row; and when the innovations of the estim
 seconds are beyond the 1 - 1e-6 quantile of chi-square (not while the commands rise or fall). A
 signal before start() ends the program at once. Later ones lose neither the stop nor the log. A
 stop() that has not returned after 2 s is interrupted and tried a second time. A log without room is
-written to another folder, which a line names. If the program itself is killed, or is late by 50 ms
-and a whole period, another process kills it and relaxes the rig by a second driver; it writes the
-log up to there.
+written to another folder, which a line names. If the program itself is killed, or is late by --late
+seconds and a whole period, another process kills it and relaxes the rig by a second driver; it
+writes the log up to there.
 
 --zero measures the zeros of the rig instead, and writes them to --out: the offset of each winch and
 the bias of each encoder. It winds up one cable after the other until its tension rises, and pays it
 out again; every cable needs a sensor of its tension. A cable that does not tighten within --reach,
-that jams, or with a zero that scatters stops it, and no file is written.
+that jams, or with a zero that scatters stops it, and --out is not written. The zeros that were
+found before are kept in a file, which a line names; --resume FILE goes on from it. The motors must
+not have been switched off meanwhile.
 
 --serve simulates the rig of the file in real time on 127.0.0.1 and prints its port. Its driver is
 docs/examples/served_rig.py:ServedRig. Its docstring shows how to let readings fail.
@@ -83,6 +85,7 @@ parser.option("--ramp", cli.finite, "S", "time in which the commands rise and fa
 parser.option("--stale", cli.positive, "S", "largest age of a reading", 0.1)
 parser.option("--missed", cli.count, "N", "deadlines missed in a row that stop the run", 5)
 parser.option("--lost", cli.positive, "S", "time over which the estimate is judged", 0.2)
+parser.option("--late", cli.positive, "S", "time by which the loop may be late, and a period", 0.05)
 parser.add_argument("--tolerance", type=cli.positive, metavar="M", help="tolerance in m")
 parser.add_argument("--no-verdict", action="store_true", help="exit with 0 unless the run failed")
 parser.output("--log", "FILE", "write the run as NPZ, or as CSV where FILE ends in .csv")
@@ -95,6 +98,9 @@ parser.add_argument(
     "sensor is noisy)",
 )  # fmt: skip
 parser.output("--out", "FILE", "--zero: write the robot's file with the zeros that were found")
+parser.add_argument(
+    "--resume", metavar="FILE", help="--zero: go on from zeros that a stopped run has kept"
+)
 parser.add_argument("--view", action="store_true", help="show the run live in the browser")
 parser.option("--seed", cli.whole, "N", "seed of the noise of --serve", 0)
 cli.add_server_options(parser)
@@ -106,7 +112,9 @@ parser.unused(
 parser.unused("--periodic", lambda a: a.trajectory is None, "only with --trajectory")
 parser.unused("--seed", lambda a: not a.serve, "only --serve has noise of its own")
 
-parser.unused("--repeats --reach --pull --out", lambda a: not a.zero, "only --zero has them")
+parser.unused(
+    "--repeats --reach --pull --out --resume", lambda a: not a.zero, "only --zero has them"
+)
 parser.unused(
     "--ramp --lost --duration --observer --gains --tolerance --no-verdict", lambda a: a.zero,
     "--zero has no controller",
@@ -124,7 +132,8 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation.bench.fail_safe import RigLimits
     from softdyn.validation.bench.signals import Signals
 
-    limits = RigLimits(arguments.stale, arguments.missed, arguments.lost, arguments.ramp)
+    a = arguments
+    limits = RigLimits(a.stale, a.missed, a.lost, a.ramp, a.late)
     if arguments.zero:
         with Signals().heard() as heard:
             return zero(model, arguments, limits, heard)
@@ -192,18 +201,26 @@ def zero(model: SoftModel, arguments: cli.Arguments, limits: Any, heard: Signals
     from softdyn.description.urdf_writer import write
     from softdyn.validation.bench.driver import make_driver
     from softdyn.validation.bench.fail_safe import StopCause
+    from softdyn.validation.bench.kept_zeros import KeptZeros
     from softdyn.validation.bench.zeroing import ZeroSettings, zero_drive
     from softdyn.validation.files import write_text
 
     settings = ZeroSettings(arguments.repeats, arguments.reach, arguments.pull)
+    found = KeptZeros(arguments.resume, model).read() if arguments.resume else []
+    kept = KeptZeros(f"{arguments.out}.zeros.json", model)
     drive, zeroing = zero_drive(
         model, make_driver(arguments.driver, model), settings, limits=limits,
-        period=arguments.period or HELD, log_to=arguments.log,
+        period=arguments.period or HELD, log_to=arguments.log, found=found, keep=kept.write,
     )  # fmt: skip
     driven, results = run(drive, arguments, heard)
     if driven.finished:
         text = write(zeroing.robot(model.robot))
         results.save(lambda path: write_text(path, text), arguments.out)
+        if not results.lost:
+            kept.remove()
+    elif zeroing.zeros and kept.wait():
+        number = f"{len(zeroing.zeros)} of {model.nu} zeros"
+        print(f"{kept.path}: {number} are kept; --resume goes on from there", file=sys.stderr)
     report = {
         "robot": model.name, "stopped_by": driven.cause.value, "stopped": driven.reason,
         "zeros": [asdict(found) for found in zeroing.zeros],

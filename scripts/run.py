@@ -131,6 +131,9 @@ parser.settings(
 )
 parser.add_argument("--gains", metavar="FILE", help="gains, a TOML file")
 parser.add_argument(
+    "--seed", type=cli.whole, metavar="N", help="seed of the rig's noise and bias (default: 0)"
+)
+parser.add_argument(
     "--certify", action="store_true",
     help="log the rate of V under the model's own acceleration (the paper's controllers)",
 )  # fmt: skip
@@ -156,6 +159,9 @@ cli.add_server_options(parser)
 cli.add_json(parser)
 parser.unused("--periodic", lambda a: a.trajectory is None, "only with --trajectory")
 parser.unused("--speed --port --no-open", lambda a: not a.view, "only --view serves a page")
+parser.unused(
+    "--seed", lambda a: a.rig is None and a.record is None, "only a rig has noise, see --rig"
+)
 parser.unused("--in", lambda a: a.record is None, "only --from searches files")
 parser.unused(
     "--annotations --floating --repair-inertia", lambda a: a.record is not None,
@@ -270,7 +276,17 @@ def asked(arguments: cli.Arguments) -> Made:
         around = read.get("surroundings")
         controller = controller_of(model, arguments.controller, arguments.gains, around, **more)
     options = RunOptions(**parser.given(arguments) | read, name=arguments.controller)
-    return Made(model, controller, experiment, options)
+    return Made(model, controller, experiment, with_seed(options, arguments.seed))
+
+
+def with_seed(options: RunOptions, seed: int | None) -> RunOptions:
+    """The settings with another seed of their rig; as they are without a rig or a seed."""
+    rig = options.rig
+    if seed is None or rig is None:
+        return options
+    from softdyn.validation.twin.rig import rig_of
+
+    return replace(options, rig=replace(rig_of(rig), seed=seed))
 
 
 def read_settings(arguments: cli.Arguments, model: SoftModel) -> dict[str, Any]:
@@ -302,7 +318,7 @@ def repeated(arguments: cli.Arguments) -> Made:
         held = isinstance(plant, dict) and "other" in plant
         raise InputError(file, expected, "commands held on a rig" if held else "a rollout")
     given = parser.given(arguments, explicit=True)
-    aims = [name for name in (*AIMS, "gains") if getattr(arguments, name) is not None]
+    aims = [name for name in (*AIMS, "gains", "seed") if getattr(arguments, name) is not None]
     aimed = bool({*AIMS} & {*aims})
     anew = {f"settings.{name}" for name in given} | ({"reference"} if aimed else set())
     lost = [part for part in lost_parts(recorded.record) if part.split(" ")[0] not in anew]
@@ -315,7 +331,7 @@ def repeated(arguments: cli.Arguments) -> Made:
         parts.pop(name) for name in ("model", "controller", "reference")
     )
     given |= read_settings(arguments, model)
-    options = RunOptions.of(parts | given)
+    options = with_seed(RunOptions.of(parts | given), arguments.seed)
     if options.plant is not None and "plant" not in given:
         options = replace(options, plant=make_plant(model, options.plant, arguments))
     more = dict[str, Any]()

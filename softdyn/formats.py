@@ -16,6 +16,7 @@ KEY = "format"  # of a TOML table, of a log's settings; the title of a CSV file'
 OURS = "softdyn-"  # how the formats begin; other values of the key mean something else
 TOML, CSV, RECORD = f"{OURS}toml-1", f"{OURS}csv-1", f"{OURS}record-1"
 POLICY = f"{OURS}policy-1"  # of a learned policy, as NPZ
+ZEROS = f"{OURS}zeros-1"  # of a rig, as far as they were found
 
 
 def is_format(said: object) -> bool:

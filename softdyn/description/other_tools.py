@@ -45,7 +45,12 @@ class Read:
 
 @dataclass(frozen=True)
 class Ignored:
-    """The element changes no term of the dynamics; what it holds is not searched."""
+    """The element changes no term of the dynamics; what it holds is not searched.
+
+    `about` says in a word what it speaks of.
+    """
+
+    about: str = ""
 
 
 @dataclass(frozen=True)
@@ -155,25 +160,21 @@ TABLE: dict[str, Verdict] = {
     # rotors, and onshape-to-robot's numbers of a joint
     **_rows(Read(holds_rotor), "transmission"),
     **_rows(Read(lambda element: any(_numbers(element)), PROPERTIES), "joint_properties"),
-    # control, sensors, looks, names
-    **_rows(Ignored(), """
-        plugin sensor material calibration safety_controller webots projector light verbose frame
-        fixed_frame audio_source audio_sink battery gripper visual collision joint_index
-        isaac_sensor lidar"""),
+    **_rows(Ignored("looks"), "material visual projector light webots"),
+    **_rows(Ignored("sensors"), "sensor isaac_sensor lidar audio_source audio_sink"),
+    **_rows(Ignored("control"), "plugin calibration safety_controller battery gripper"),
+    **_rows(Ignored("names"), "verbose frame fixed_frame joint_index"),
     **_rows(Searched(_control), "ros2_control"),
-    # contacts
-    **_rows(Ignored(), """
+    **_rows(Ignored("contacts"), """
         surface mu mu1 mu2 fdir1 kp kd maxVel minDepth maxContacts max_contacts laserRetro
         laser_retro selfCollide self_collide self_filter disable_collisions enable_collisions
-        proximity_properties"""),
+        proximity_properties collision"""),
     **_rows(Refused(MASSES, _same_inertia), "contact"),
-    # solvers and starts
-    **_rows(Ignored(), """
+    **_rows(Ignored("solver, start"), """
         stopCfm stopErp stopKp stopKd fudgeFactor provideFeedback canonicalBody implicitSpringDamper
         cfmDamping disableFixedJointLumping preserveFixedJoint initial_joint_position
         initialJointPosition physics allow_auto_disable must_be_base_link enable_wind"""),
-    # groups of a planner
-    **_rows(Ignored(), "group end_effector passive_joint"),
+    **_rows(Ignored("a planner's groups"), "group end_effector passive_joint"),
     # gravity, motion, damping, place
     **_rows(Refused(GRAVITY, _said(*ON, "0 0 -9.81")), "gravity"),
     **_rows(Refused(GRAVITY, _said(*OFF)), "turnGravityOff"),
@@ -305,7 +306,8 @@ class _Scan:
         if isinstance(verdict, Read) and verdict.used(element):
             return
         if not isinstance(verdict, Refused) or verdict.neutral(element):
-            self.ignored[f"{inside}{shown}"] += 1
+            about = getattr(verdict, "about", "")
+            self.ignored[f"{inside}{shown}{about and f' ({about})'}"] += 1
         elif space.startswith(OLD_GAZEBO) or (self._old and verdict.remedy == GRAVITY):
             self.left_out[shown] += 1
         else:

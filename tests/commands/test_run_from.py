@@ -92,6 +92,17 @@ def test_another_payload_is_said_and_stands_in_the_log(home):
     assert Log.load("again.npz").record["repeats"]["changed"] == ["rig"]
 
 
+def test_another_seed_is_said_and_is_that_of_a_run_with_it(home):
+    _, report, _ = repeat("run.npz", "--seed", "4", "--log", "again.npz")
+    assert report["repeated"]["causes"] == ["rig.seed 3 → 4"]
+    assert Log.load("again.npz").record["repeats"]["changed"] == ["seed"]
+    given = ("--gains", "gains.toml", "--theta", "0.5", "--rig", "rig.toml", "--log", "own.npz")
+    command("run", "finger", "own.py:Push", *given, *TIMES, "--seed", "4")
+    seen = [Log.load(name).q_seen for name in ("run.npz", "again.npz", "own.npz")]
+    assert not np.array_equal(seen[0], seen[1])
+    np.testing.assert_array_equal(seen[1], seen[2])
+
+
 def test_changed_files_are_named_before_the_run(home, monkeypatch):
     monkeypatch.delitem(sys.modules, "beside")  # another process would read it anew
     (home / "beside.py").write_text("SIGNS = (1, -0.5)\n")

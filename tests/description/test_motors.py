@@ -93,7 +93,7 @@ def test_the_properties_of_onshape_are_friction_and_damping(tmp_path):
     words = '<joint_properties friction="0.3" damping="0.2"/><joint_index value="3"/>'
     robot = parse(written(tmp_path, words))
     assert (robot.joints[0].friction, robot.joints[0].damping) == (0.3, 0.2)
-    assert robot.ignored == ("1 <joint><joint_index>",)
+    assert robot.ignored == ("1 <joint><joint_index> (names)",)
     zero = parse(written(tmp_path, '<joint_properties friction="0.0"/>'))
     assert zero.joints == parse(written(tmp_path)).joints
     assert zero.ignored == ("1 <joint><joint_properties>",)

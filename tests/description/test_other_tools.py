@@ -39,11 +39,11 @@ def read(folder: Path, more: str = "", *changes: tuple[str, str]) -> Robot:
          "1 <gazebo><turnGravityOff>"),
         ("<gazebo><static>false</static></gazebo>", "1 <gazebo><static>"),
         ("<gazebo><pose>0 0 1 0 0 0</pose></gazebo>", "1 <gazebo><pose>"),
-        (2 * '<gazebo reference="pad"><mu1>1</mu1></gazebo>', "2 <gazebo><mu1>"),
+        (2 * '<gazebo reference="pad"><mu1>1</mu1></gazebo>', "2 <gazebo><mu1> (contacts)"),
         ('<gazebo reference="pad"><dampingFactor>0</dampingFactor></gazebo>',
          "1 <gazebo><dampingFactor>"),
         ('<gazebo><plugin name="p"><joint>bend</joint><force>9</force></plugin></gazebo>',
-         "1 <gazebo><plugin>"),
+         "1 <gazebo><plugin> (control)"),
         ('<x:force_torque_sensor xmlns:x="u" links="base pad"/>', "1 <x:force_torque_sensor>"),
         (BELT, "1 <note>"),
         (MUJOCO, "1 <mujoco>"),
@@ -66,8 +66,8 @@ def test_attributes_are_counted_too(tmp_path: Path) -> None:
 def test_check_prints_them_in_one_line(tmp_path: Path) -> None:
     read(tmp_path, MUJOCO + 2 * '<gazebo reference="pad"><mu1>1</mu1></gazebo>')
     found = diagnose(load(tmp_path / "arm.urdf"), 1)
-    assert "\nignored: 2 <gazebo><mu1>, 1 <mujoco>\n" in str(found)
-    assert found.to_dict()["ignored"] == ["2 <gazebo><mu1>", "1 <mujoco>"]
+    assert "\nignored: 2 <gazebo><mu1> (contacts), 1 <mujoco>\n" in str(found)
+    assert found.to_dict()["ignored"] == ["2 <gazebo><mu1> (contacts)", "1 <mujoco>"]
 
 
 def test_elements_for_old_releases_of_gazebo_are_left_out_with_a_warning(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ from softdyn.identification.markers.points import read_points
 from softdyn.safety import Surroundings
 from softdyn.tasks.targets import read_paths
 from softdyn.validation import Log, Rig
+from softdyn.validation.bench.kept_zeros import KeptZeros
 from softdyn.validation.loop.log_checks import FORMAT
 from softdyn.validation.loop.recorded import RecordedRun
 from softdyn.validation.studies.sweep_file import read_sweep
@@ -136,6 +137,19 @@ def test_a_policy_of_the_first_version_is_read():
     network = PolicyNetwork.load(HERE / "policy_1.npz")
     assert network.observation == ("error", "input")
     np.testing.assert_array_equal(network(np.array([2.0, 0.0, 1.0, 0.5])), [4.5])
+
+
+def test_kept_zeros_of_each_version_are_read_or_named(tmp_path):
+    """They belong to one robot: the digest is put in as the cart's."""
+    table = json.loads((HERE / "zeros_1.json").read_text("utf-8")) | {"digest": cart().robot.digest}
+    path = tmp_path / "zeros.json"
+    path.write_text(json.dumps(table), "utf-8")
+    (zero,) = KeptZeros(path, cart()).read()
+    assert (zero.actuator, zero.offset, zero.biases) == ("u", 0.02, {"wire": -0.0166})
+    path.write_text(json.dumps(table | {"format": "softdyn-zeros-7"}), "utf-8")
+    with pytest.raises(InputError) as caught:
+        KeptZeros(path, cart()).read()
+    assert (caught.value.name, "softdyn-zeros-7," in caught.value.got) == (str(path), True)
 
 
 def with_format(file: str, said: str, folder: Path) -> Path:

@@ -10,5 +10,6 @@
 - `drive`: one run on a rig
 - `pulled_cable`: the curve of tension of one cable, and the zeros that fit it
 - `zeroing`: the offsets of winches and the biases of encoders, by pulling each cable
+- `kept_zeros`: those that were found before it stopped, in a file from which it goes on
 - `served`: a simulated rig in real time behind a local socket
 """

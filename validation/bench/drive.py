@@ -27,7 +27,7 @@ from softdyn.validation.bench.driver import Driver, another, check_driver
 from softdyn.validation.bench.fail_safe import FailSafe, RigLimits, Stop, StopCause
 from softdyn.validation.bench.plant import RealRig, SeeingObserver, rest_pose
 from softdyn.validation.bench.signals import Signals, limited
-from softdyn.validation.bench.watchdog import LATE, STOP, Watchdog, shared
+from softdyn.validation.bench.watchdog import STOP, Watchdog, shared
 from softdyn.validation.files import save_somewhere
 from softdyn.validation.loop.arguments import ReferenceLike, nowhere
 from softdyn.validation.loop.closed_loop import ClosedLoop, Controller
@@ -131,7 +131,7 @@ class Drive:
         The controller's name in the log.
     watchdog : bool
         Whether a process of its own relaxes the rig if this one dies or blocks. It *kills* this
-        process if it is late by 50 ms and a whole period.
+        process if it is late by `RigLimits.late` and a whole period.
     hold : array_like, (nu,), or Callable[[], ndarray], optional
         Commands in the file's units, sent instead of the controller's: constant, or those of each
         period.
@@ -371,7 +371,7 @@ class Drive:
         if self._log_to is not None:
             self._counted = shared(self._counted)
             self.loop.share(shared)
-        late = self.clock.period + max(LATE, self.clock.period)
+        late = self.clock.period + max(self.limits.late, self.clock.period)
         return Watchdog(self._spare, late, self._save)
 
     def _count(self) -> None:

@@ -79,6 +79,9 @@ class RigLimits:
         falls onto its stops moves in another way than the readings before have taught an `Ekf`.
     ramp : float
         Time (s) in which the commands rise at the beginning and fall at the end.
+    late : float
+        The watchdog relaxes the rig if the loop is late by this time (s) and a whole period, or by
+        two whole periods if this is longer.
 
     Raises
     ------
@@ -90,12 +93,14 @@ class RigLimits:
     missed: int = 5
     lost: float = 0.2
     ramp: float = 0.5
+    late: float = 0.05  # the end of a killed process alone takes some 20 to 40 ms
 
     def __post_init__(self) -> None:
         number("stale", self.stale, above=0.0)
         whole("missed", self.missed, lower=1)
         number("lost", self.lost, above=0.0)
         number("ramp", self.ramp, lower=0.0)
+        number("late", self.late, above=0.0)
 
 
 class FailSafe:

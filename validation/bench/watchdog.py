@@ -17,7 +17,6 @@ from softdyn.exceptions import one_line
 from softdyn.validation.bench.driver import Driver
 from softdyn.validation.bench.signals import limited
 
-LATE = 0.05  # s that a heartbeat may be late; the end of a killed process takes some 20 to 40 ms
 DONE, BEAT, OPENING, STOPPING = b"d", b"b", b"o", b"s"
 IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE)
 PATIENCE = 2.0  # s for the killed process to end, and for the watchdog itself

@@ -7,7 +7,7 @@ times. All others are slack meanwhile. Each pull, and each paying out, gives a z
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
@@ -23,6 +23,7 @@ from softdyn.dynamics.model import check_model
 from softdyn.validation.bench.drive import Drive
 from softdyn.validation.bench.driver import Driver
 from softdyn.validation.bench.fail_safe import RigLimits, Stop, StopCause
+from softdyn.validation.bench.kept_zeros import CableZero
 from softdyn.validation.bench.pulled_cable import PulledCable
 from softdyn.validation.loop.arguments import nowhere
 
@@ -74,31 +75,6 @@ class ZeroSettings:
             number("pull", self.pull, above=0.0)
 
 
-@dataclass(frozen=True)
-class CableZero:
-    """The zero of one cable.
-
-    Attributes
-    ----------
-    actuator : str
-        Its winch.
-    offset : float
-        The offset (m): the mean of both directions.
-    spread : float
-        Largest difference (m) of an offset from another of the same direction.
-    hysteresis : float
-        Mean offset (m) while the cable is paid out, less that while it is wound up.
-    biases : dict of str to float
-        Bias (m) of each encoder of the cable.
-    """
-
-    actuator: str
-    offset: float
-    spread: float
-    hysteresis: float
-    biases: dict[str, float]
-
-
 @dataclass
 class _Sweep:
     """The readings while a cable is wound up, or paid out: command, tension, its encoders."""
@@ -118,6 +94,10 @@ class Zeroing:
         The robot with its rig.
     settings : ZeroSettings
         How zeros are searched.
+    found : sequence of CableZero
+        Zeros that are known; their cables are not pulled.
+    keep : Callable[[list of CableZero], None], optional
+        Called with all zeros after each cable.
 
     Attributes
     ----------
@@ -136,7 +116,13 @@ class Zeroing:
 
     name = "zero"
 
-    def __init__(self, model: SoftModel, settings: ZeroSettings | None = None) -> None:
+    def __init__(
+        self,
+        model: SoftModel,
+        settings: ZeroSettings | None = None,
+        found: Sequence[CableZero] = (),
+        keep: Callable[[list[CableZero]], None] | None = None,
+    ) -> None:
         self._model = check_model(model)
         self.settings = ZeroSettings() if settings is None else settings
         if not model.nu:
@@ -148,7 +134,7 @@ class Zeroing:
         self._least = np.maximum(rest - reach, winches.lower)
         self.u = model.relaxed
         self._readings = np.full(ReadingLayout(model.robot.sensors).size, np.nan)
-        self._new, self.zeros = self._readings, list[CableZero]()
+        self._new, self.zeros, self._keep = self._readings, list(found), keep
         self._q, self._period = model.q0, PERIOD
         self._steps: Commands | None = None
         self.asked = self._slack
@@ -201,7 +187,8 @@ class Zeroing:
             yield self._slack
         self._tare = self._readings.copy()
         self._check_others(None)
-        for cable in self._cables:
+        known = {zero.actuator for zero in self.zeros}
+        for cable in (c for c in self._cables if c.name not in known):
             sweeps: list[_Sweep] = []
             c = yield from self._approach(cable)
             c = yield from self._pay_out(cable, c, _Sweep([], False))
@@ -212,6 +199,8 @@ class Zeroing:
                 sweeps += [winding, out]
             yield from self._to(cable, c, float(self._slack[cable.k]))
             self.zeros.append(self._judged(cable, sweeps))
+            if self._keep is not None:
+                self._keep(self.zeros)
 
     def _to(self, cable: PulledCable, c: float, end: float) -> Commands:
         """Wind up or pay out from one command to another."""
@@ -359,7 +348,13 @@ class Zeroing:
 
 
 def zero_drive(
-    model: SoftModel, driver: Driver, settings: ZeroSettings | None = None, **options: Any
+    model: SoftModel,
+    driver: Driver,
+    settings: ZeroSettings | None = None,
+    *,
+    found: Sequence[CableZero] = (),
+    keep: Callable[[list[CableZero]], None] | None = None,
+    **options: Any,
 ) -> tuple[Drive, Zeroing]:
     """A run on a rig that measures its zeros, and the procedure, which has them after the run.
 
@@ -371,6 +366,8 @@ def zero_drive(
         The rig's driver.
     settings : ZeroSettings, optional
         How zeros are searched.
+    found, keep
+        As for `Zeroing`.
     **options : Any
         Those of `Drive`. The ramp is left out, because it begins at the file's zeros.
 
@@ -379,7 +376,7 @@ def zero_drive(
     InputError
         As for `Drive` and `Zeroing`.
     """
-    zeroing = Zeroing(model, settings)
+    zeroing = Zeroing(model, settings, found, keep)
     limits = replace(options.pop("limits", None) or RigLimits(), ramp=0.0)
     more: dict[str, Any] = {"period": PERIOD, "name": Zeroing.name} | options
     duration = max(zeroing.longest, 2 * more["period"])

@@ -108,8 +108,9 @@ def summary(
         lines.append(f"overshoot      {found.overshoot:.1%} of the way")
     if found.missed:
         lines.append(
-            f"deadlines      MISSED {found.missed} of {log.steps}: steps longer than the "
-            f"period of {1e3 * log.period:g} ms"
+            f"deadlines      {found.missed} of {log.steps} steps took longer than the period of "
+            f"{1e3 * log.period:g} ms"
+            + (", which a simulation bears" if log.missed is None else "")
         )
     for name, (value, half, unit) in log.disturbance_figures.items():
         lines.append(f"estimated      {name} {value:.3g} ± {half:.2g} {unit}".rstrip())

@@ -30,7 +30,10 @@ class Neighbour(NamedTuple):
 
 
 class Around(NamedTuple):
-    """The file's inertias and the neighbours of θ, for derivatives by θ."""
+    """The model of the file, and models whose parameters differ from θ in one entry each.
+
+    The differences between these models give the derivatives by θ.
+    """
 
     file: SoftModel
     neighbours: tuple[Neighbour, ...] = ()

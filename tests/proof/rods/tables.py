@@ -152,7 +152,10 @@ def rod_tables(found: Mapping[str, list[Ladder]]) -> str:
         rows.append(["fastest mode over the first", *speeds, ""])
         table = Table([f"joints by {rule}", *numbers, "order"], rows, ["", *forms, ".1f"])
         parts.append(table.markdown())
-    excess = ["bend at 60° of a channel's", *(f"{x:+.1%}" for x in disc_excess(counts))]
+    excess = [
+        "angle of the tip, more than with a channel that bends by 60°",
+        *(f"{x:+.1%}" for x in disc_excess(counts)),
+    ]
     parts.append(Table(["straight cables between n discs", *numbers], [excess]).markdown())
     share = 1 - closed_forms.tip_compliance(THICK) / closed_forms.timoshenko_compliance(THICK)
     parts.append(f"Without `shear`, the rod of r/L 0.1 is {share:.1%} too stiff.")

@@ -369,7 +369,30 @@ def test_a_refused_cable_writes_nothing(folder):
     code, _, err = command(*WORDS, "--out", "new.urdf")
     assert code == 1
     assert err.splitlines()[-1].startswith("stopped by cable: cable of 'flexor': it does not")
-    assert not Path("new.urdf").exists()
+    assert not list(Path().glob("new.urdf*"))
+
+
+def test_zeros_are_kept_and_a_second_run_goes_on_from_them(folder):
+    """The second cable is out of reach; with a larger reach it alone is pulled."""
+    folder(built((OFFSETS[0], 0.04)))
+    code, _, err = command(*WORDS, "--out", "new.urdf")
+    assert code == 1
+    assert "new.urdf.zeros.json: 1 of 2 zeros" in err
+    kept = Path("new.urdf.zeros.json").read_text()
+    again = [*WORDS, "--out", "new.urdf", "--resume", "new.urdf.zeros.json", "--reach", "0.05"]
+    for fault in ({"digest": "other"}, {"format": "softdyn-zeros-2"}, {"zeros": [{"offset": 1}]}):
+        Path("new.urdf.zeros.json").write_text(json.dumps(json.loads(kept) | fault))
+        code, _, err = command(*again)
+        assert code == 2, err
+        assert "new.urdf.zeros.json: expected" in err
+    first = json.loads(kept)["zeros"][0]["offset"]
+    Path("new.urdf.zeros.json").write_text(kept.replace(str(first), str(first + 1e-3)))
+    code, _, err = command(*again)
+    assert code == 0, err
+    offsets = [a.offset for a in softdyn.parse("new.urdf").actuators]
+    assert offsets[0] == pytest.approx(first + 1e-3, abs=1e-9)
+    assert offsets[1] == pytest.approx(0.04, abs=5e-4)
+    assert not Path("new.urdf.zeros.json").exists()
 
 
 @pytest.mark.parametrize(

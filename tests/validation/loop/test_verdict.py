@@ -66,7 +66,7 @@ def test_inputs_and_deadlines():
     assert found.activity == pytest.approx((99 + 0) / 2)
     assert found.at_bound == 0.5
     assert found.missed == 7
-    assert "MISSED 7 of 100: steps longer than the period of 10 ms" in log.summary()
+    assert "7 of 100 steps took longer than the period of 10 ms" in log.summary()
     unknown = make_log(
         t, np.zeros((101, 3)), u=u, u_min=u[0], u_max=u[0], step_us=np.full(100, np.nan)
     )
