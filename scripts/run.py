@@ -281,12 +281,12 @@ def asked(arguments: cli.Arguments) -> Made:
 
 def with_seed(options: RunOptions, seed: int | None) -> RunOptions:
     """The settings with another seed of their rig; as they are without a rig or a seed."""
-    rig = options.rig
-    if seed is None or rig is None:
-        return options
     from softdyn.validation.twin.rig import rig_of
 
-    return replace(options, rig=replace(rig_of(rig), seed=seed))
+    rig = rig_of(options.rig)
+    if seed is None or rig is None:
+        return options
+    return replace(options, rig=replace(rig, seed=seed))
 
 
 def read_settings(arguments: cli.Arguments, model: SoftModel) -> dict[str, Any]:
