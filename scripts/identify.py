@@ -183,7 +183,7 @@ def command(arguments: cli.Arguments) -> int:
         folds = arguments.folds or max(2, min(FOLDS, len(found.data.t) // 3))
         tried = list(hints(
             found, lambda more: identification.identify(model, data, (*unknowns, *more), **options),
-            folds, made,
+            folds, made, progress=True,
         ))  # fmt: skip
         lines += map(str, tried)
         again["hints"] = [vars(one) for one in tried]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from tqdm.auto import tqdm
 
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError, SoftdynError
@@ -139,6 +140,8 @@ def hints(
     again: Callable[[tuple[Parameter, ...]], Identified],
     folds: int,
     made: DesignFile | None = None,
+    *,
+    progress: bool = False,
 ) -> Iterator[Hint]:
     """The gain of each extension; one that cannot be fitted is left out.
 
@@ -151,6 +154,8 @@ def hints(
         Parts of static rows that are left out in turn.
     made : DesignFile, optional
         The design that was fitted.
+    progress : bool
+        Show on stderr which extension is tried, if that is a terminal.
     """
     names, unknowns = found.names, found.fit.problem.unknowns
     base = found.fit.problem.base
@@ -160,7 +165,10 @@ def hints(
         yield Hint("a stiffness that depends on strain", before, strained)
     else:
         before = found.rms_held_out
-    for name, more in extensions(base, unknowns, found.static, made, names):
+    tried = list(extensions(base, unknowns, found.static, made, names))
+    bar = tqdm(tried, disable=None if progress else True, leave=False, unit=" extensions")
+    for name, more in bar:
+        bar.set_description(f"tries {name}")
         try:
             if found.static:
                 after = distance(names, left_out(_extended(found.fit, more), folds))
