@@ -130,9 +130,9 @@ def test_the_bias_of_a_sensor_is_tried_after_the_fit_is_printed(tmp_path, capsys
     _, robot, data = wired(tmp_path, 5e-4, 0.05)
     shown, tried_ones = [], []
 
-    def watched(*words):
+    def watched(*words, **options):
         shown.append(capsys.readouterr().out)
-        tried_ones.extend(hints(*words))
+        tried_ones.extend(hints(*words, **options))
         return tried_ones
 
     monkeypatch.setattr("softdyn.identification.hints.hints", watched)
