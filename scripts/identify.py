@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +24,8 @@ q.JOINT (rad, m), tip.x, tip.y, tip.z (m), length.TENDON (m), point.MARKER.x, .y
 pose.MARKER.x … .rz (m, rotation vector in rad), and measured.SENSOR of the file's length, joint,
 position and pose sensors, as in the log of a run with --rig. Time steps may differ. Cells of all
 but joints may be empty. --outputs: read only those that begin so. --static: each row is an
-equilibrium under its inputs, t may be missing.
+equilibrium under its inputs, t may be missing. --rests takes such rows out of data over time, such
+as a log in which the inputs rise in steps.
 
 --points FILE says where the markers are, in TOML: [[point]] (or [[pose]]) with a name, and either
 link and xyz_mm, or s_mm along the arm and offset_mm. --camera fit identifies the frame of the
@@ -63,6 +65,11 @@ parser.add_argument("--shared", nargs="+", default=[], metavar="KIND")
 parser.option("--hold-out", cli.finite, "PART", "last part of the data, only for a test", 0.2)
 parser.add_argument("--outputs", nargs="+", default=[], metavar="NAME", help="default: all")
 parser.add_argument("--static", action="store_true", help="each row is an equilibrium")
+parser.add_argument(
+    "--rests", type=cli.positive, nargs="?", const=1.0, metavar="S",
+    help="as --static, with rows at rest out of data over time: means where the inputs are held "
+    "for S seconds (default: 1)",
+)  # fmt: skip
 parser.add_argument("--test", metavar="CSV", help="static data for the test, instead of --hold-out")
 parser.add_argument("--points", metavar="FILE", help="where the markers are, TOML")
 parser.add_argument(
@@ -106,7 +113,7 @@ parser.unused(
     lambda a: a.twin is None, "only with --twin",
 )  # fmt: skip
 parser.unused(
-    "--hold-out --outputs --static --test --camera --folds --hints --relabel",
+    "--hold-out --outputs --static --rests --test --camera --folds --hints --relabel",
     lambda a: a.twin is not None, "--twin makes its own data",
 )  # fmt: skip
 parser.unused("--seeds --step", lambda a: a.excitations, "--excitations fits nothing")
@@ -120,6 +127,7 @@ def command(arguments: cli.Arguments) -> int:
     import numpy as np
 
     from softdyn import InputError, identification
+    from softdyn.exceptions import errors_in
     from softdyn.identification.hints import FOLDS, hints, left_out, where, where_text
     from softdyn.identification.result import distance
     from softdyn.validation.files import write_text
@@ -131,12 +139,20 @@ def command(arguments: cli.Arguments) -> int:
         raise InputError("--out, --html", "DATA", "--twin, which is no robot's measurement")
     if arguments.data is not None and arguments.excitations:
         raise InputError("--excitations", "--twin S", "DATA, whose inputs are as they are")
+    arguments.static |= arguments.rests is not None
     made, model = robot_of(arguments)
     chosen = arguments.free or (), arguments.shared
     if arguments.twin is not None:
         return of_twin(arguments, model, identification.choose_unknowns(model, *chosen))
     how = {"static": arguments.static, "outputs": arguments.outputs}
-    raw = identification.read_csv(arguments.data, model, **how)
+    timed = {"static": False} if arguments.rests is not None else {}
+    raw = identification.read_csv(arguments.data, model, **how | timed)
+    if arguments.rests is not None:
+        samples = len(raw.t)
+        with errors_in(arguments.data):
+            raw, moving = identification.rest_rows(raw, arguments.rests)
+        line = f"rests: {len(raw.t)} of {samples} rows, {moving} stretches left out that still move"
+        print(line, file=sys.stderr)
     given, fitted = camera_of(arguments)
     data, acquisition = identification.prepared(
         model, raw, static=arguments.static, camera=given, fit_camera=fitted,

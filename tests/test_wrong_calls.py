@@ -156,6 +156,7 @@ IDENTIFICATION = [
     (identification.apply_values, {"model": MODEL, "unknowns": UNKNOWNS, "theta": np.ones(4)}),
     (identification.make_problem, FITTED),
     (identification.fit, {"problem": None}),
+    (identification.rest_rows, {"data": DATA, "hold": 0.1}),
     (identification.fit_length, {"data": DATA, "hold_out": 0.2}),
     (identification.identify, {**FITTED, "hold_out": 0.2}),
     (identification.least_deviations,

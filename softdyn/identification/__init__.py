@@ -10,6 +10,7 @@
 them, and the residuals give the intervals.
 
 - `data`: measurements from arrays or a CSV file, and the samples that a stop disturbs;
+- `rest_rows`: rows at rest in data over time;
 - `markers`: points that a camera measures;
 - `acquisition`: the names of the markers, the camera, errors in the data;
 - `unknowns`: kinds of unknowns, their columns in the equations of motion;
@@ -56,6 +57,7 @@ from softdyn.identification.parameters import parameters as parameters
 from softdyn.identification.problem import Acquisition as Acquisition
 from softdyn.identification.problem import Fit as Fit
 from softdyn.identification.problem import FitProblem as FitProblem
+from softdyn.identification.rest_rows import rest_rows as rest_rows
 from softdyn.identification.result import Estimate as Estimate
 from softdyn.identification.result import Identified as Identified
 from softdyn.identification.rewrite import rewrite_urdf as rewrite_urdf

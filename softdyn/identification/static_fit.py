@@ -18,7 +18,7 @@ from softdyn.identification.rests import Inputs, directions, rests, slid
 from softdyn.identification.unknowns.kinds import CABLE_FRICTION, INPUT_LOSS, Around
 from softdyn.statics.equilibrium import StaticsError
 
-LEAST = 3  # rows of a fit
+LEAST = 3  # rows of a fit, and of a test; with fewer held out there is no test
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +59,7 @@ class StaticFit(FitProblem):
         fit_length(data, hold_out)  # checks it
         every = np.arange(len(data.t))
         count = round(len(every) * hold_out)
+        count = count if count >= LEAST else 0
         held = ((np.arange(count) + 0.5) * len(every) / max(count, 1)).astype(int)
         return np.setdiff1d(every, held), held
 
