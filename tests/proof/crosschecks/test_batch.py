@@ -4,20 +4,13 @@ from __future__ import annotations
 
 import json
 import xml.etree.ElementTree as ElementTree
-from pathlib import Path
 
 import pytest
 
 from softdyn.description.library import example_files, example_robots
-from softdyn.validation.files import to_json
 from tests.proof.crosschecks import batch as catalogue
-from tests.proof.crosschecks.batch import FIXED, FLOATING, REPAIRED, BatchRow
+from tests.proof.crosschecks.batch import FIXED, BatchRow
 from tests.proof.crosschecks.random_robots import random_urdf
-
-
-def jobs_of(*stems: str) -> list[catalogue.RobotJob]:
-    jobs = catalogue.catalogue_jobs(1, 0, floating=True, repair_inertia=True, trajectories=False)
-    return [job for job in jobs if job.path is not None and job.path.stem in stems]
 
 
 def test_every_file_of_the_package_is_a_job():
@@ -27,37 +20,6 @@ def test_every_file_of_the_package_is_a_job():
     assert [job.path for job in jobs] == list(files)
     assert len({job.name for job in jobs}) == 69
     assert all((job.samples, job.seed) == (3, 5) for job in jobs)
-
-
-def test_rows_pass_or_say_why_not():
-    jobs = jobs_of("double_pendulum", "quadrotor_base", "ur3", "romeo_small")
-    rows = {}
-    for job in jobs:
-        row = catalogue.examine(job)
-        if row is not None:
-            rows[Path(row.name).stem, row.variant] = row
-    passed = {key: row.passed for key, row in rows.items()}
-    assert passed == {
-        ("double_pendulum", FIXED): True,
-        ("double_pendulum", FLOATING): True,
-        ("quadrotor_base", FIXED): None,
-        ("quadrotor_base", FLOATING): True,
-        ("romeo_small", FIXED): None,
-        ("romeo_small", REPAIRED): True,
-        ("romeo_small", FLOATING): True,
-        ("ur3", FIXED): None,
-        ("ur3", FLOATING): None,
-    }
-    assert rows["double_pendulum", FLOATING].nv == 8
-    assert "at least one joint that moves" in rows["quadrotor_base", FIXED].reason
-    assert '<link name="RShoulderYawLink">' in rows["romeo_small", FIXED].reason
-    assert len(rows["romeo_small", REPAIRED].repairs) == 2
-    assert json.loads(to_json(vars(rows["ur3", FIXED])))["max_error"] is None
-    page = catalogue.BatchReport(tuple(rows.values())).document("COMMAND")
-    assert "Written by `COMMAND`" in page
-    assert "1 of 4 pass, 0 fail, 3 are not supported" in page
-    assert "&lt;link name" in page
-    assert page.count("inertia repaired: principal moments") == 2
 
 
 def test_a_disagreement_is_a_failed_row():
@@ -72,12 +34,6 @@ def test_a_disagreement_is_a_failed_row():
     assert "FAILED, qdd: too far" in str(survey)
     assert "unsupported: no joint" in str(survey)
     assert "good" not in survey.text_of(rows[1:])
-
-
-def test_rows_come_in_the_order_of_their_jobs(monkeypatch):
-    monkeypatch.setattr(catalogue, "examine", lambda job: BatchRow(job.name, FIXED, True))
-    jobs = [catalogue.RobotJob(name, None, 0, 1) for name in ("odd", "bad", "good")]
-    assert [row.name for row in catalogue.survey(jobs, 1).rows] == ["odd", "bad", "good"]
 
 
 @pytest.mark.parametrize("block", range(4))
@@ -114,19 +70,6 @@ def test_random_robots_have_every_feature_of_the_format():
         "tendon stiffness", "tendon rest", "tendon damping", "joint armature", "site in tendon",
         "joint in tendon", "actuator in softdyn", "task in softdyn", "springReference in gazebo",
     }  # fmt: skip
-
-
-@pytest.mark.parametrize("bodies", [1, 3])
-def test_random_robots_have_as_many_bodies_as_asked_for(bodies):
-    counts = []
-    for seed in range(40):
-        root = ElementTree.fromstring(random_urdf(seed, bodies))
-        carried = {x.find("child").get("link") for x in root.findall("joint")
-                   if x.get("type") != "fixed"}  # fmt: skip
-        counts.append(sum(x.get("name") in carried and x.find("inertial") is not None
-                          for x in root.iter("link")))  # fmt: skip
-    assert min(counts) >= 1
-    assert max(counts) >= bodies
 
 
 def test_the_command(tmp_path, monkeypatch, capsys):

@@ -19,7 +19,6 @@ from softdyn.validation.studies.engine import store
 from tests.proof import fuzz
 from tests.proof.crosschecks.random_robots import random_urdf
 from tests.proof.fuzzing import arguments, campaign, data, messages
-from tests.proof.fuzzing.inputs import mutant
 from tests.proof.fuzzing.second_reading import differences
 from tests.proof.fuzzing.verdict import ACCEPTED, EXCEPTION, FINDINGS, LOST, MESSAGE, REFUSED, judge
 from tests.support.fragile import fragile
@@ -56,25 +55,6 @@ def test_base_files_are_accepted(path: Path, tmp_path: Path) -> None:
 def test_what_was_found_once_is_found_no_more(path: Path, tmp_path: Path) -> None:
     verdict = judge(path.read_bytes(), tmp_path / "robot.urdf", True)
     assert verdict.kind in (ACCEPTED, REFUSED), verdict
-
-
-def test_inputs_depend_on_seed_and_number_alone() -> None:
-    bases = campaign.base_files(fuzz.CORPUS)
-    drawn = [mutant(bases, 3, k) for k in range(50)]
-    assert [mutant(bases, 3, k) for k in reversed(range(50))] == drawn[::-1]
-    assert len(set(drawn)) > 45
-    assert mutant(bases, 4, 7) != drawn[7]
-
-
-@pytest.mark.parametrize("path", sorted(fuzz.CORPUS.glob("base/*.xml")), ids=lambda p: p.stem)
-def test_annotations_of_their_own_are_read_twice(path: Path, tmp_path: Path) -> None:
-    urdf = path.with_name(f"{path.stem.partition('-')[0]}.urdf").read_bytes()
-    robot = parse(path.with_name(f"{path.stem.partition('-')[0]}.urdf"), annotations=path)
-    assert differences(robot, urdf, path.read_bytes()) == []
-    for old, new in ((b'damping="0.2"', b""), (b'rest="0.1"', b'rest="0.2"'), (b"40", b"41")):
-        assert differences(robot, urdf, path.read_bytes().replace(old, new)), old
-    verdict = judge(path.read_bytes(), tmp_path / "soft.xml", True, urdf)
-    assert (verdict.kind, verdict.deep) == (ACCEPTED, True), verdict
 
 
 # -- the second reading ------------------------------------------------------------------------
@@ -150,24 +130,6 @@ def test_every_loss_of_a_rig_is_seen(tmp_path: Path) -> None:
         assert differences(robot, text.replace(old, new).encode()), old
 
 
-def test_a_misplaced_element_is_a_loss(tmp_path: Path) -> None:
-    robot = read(tmp_path, ARM)
-    for stray in (
-        '<tendon name="x"/>',
-        "<inertial/>",
-        '<softdyn version="1"/>',
-        '<link name="x"/>',
-    ):
-        for place in ("</robot>", "</joint>", "</link>"):
-            if (stray, place) == ("<inertial/>", "</link>"):
-                continue  # that is where it belongs
-            text = ARM.replace(place, stray + place, 1)
-            if (stray[:5], place) != ("<link", "</robot>"):
-                assert differences(robot, text.encode()), text
-            with pytest.raises(SoftdynError):
-                read(tmp_path, text)
-
-
 # -- verdicts ----------------------------------------------------------------------------------
 
 
@@ -203,20 +165,6 @@ def test_a_dead_process_is_a_finding_and_is_replaced() -> None:
     assert [index for index, _, _ in outcomes] == list(range(8))
     kinds = [kind for _, (kind, _, _), _ in outcomes]
     assert kinds == [ACCEPTED, ACCEPTED, "crash", ACCEPTED, ACCEPTED, "hang", ACCEPTED, ACCEPTED]
-
-
-def test_inputs_behind_findings_are_kept(tmp_path: Path, monkeypatch, capsys) -> None:
-    found = [(0, ("refused", "x", False), 0.1), (1, ("crash", "exit code -11", False), 0.0)]
-    monkeypatch.setattr(campaign, "in_a_process", lambda *_: iter(found))
-    assert fuzz.main(["--count", "2", "--out", str(tmp_path / "kept")]) == 1
-    assert "1: crash: exit code -11" in capsys.readouterr().out
-    kept = tmp_path / "kept" / "0-1.urdf"
-    assert kept.read_bytes() == mutant(campaign.base_files(fuzz.CORPUS), 0, 1).data
-
-
-def test_bad_arguments(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert fuzz.main(["--corpus", str(tmp_path)]) == 2
-    assert "base/*.urdf" in capsys.readouterr().err
 
 
 # -- logs, stores and TOML ---------------------------------------------------------------------
@@ -282,18 +230,6 @@ def test_a_short_run_on_command_lines_finds_nothing(capsys: pytest.CaptureFixtur
     assert report["refused"] + report["accepted"] == report["count"] == 60
     assert report["accepted"] > 2
     assert report["kinds_of_refusal"] > 10
-
-
-def test_every_line_works_as_it_stands_and_is_damaged_alike_each_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    bases = fuzz.lines()
-    for k, line in enumerate(bases):
-        if not line.runs:
-            assert arguments.judge(line, line.words, tmp_path / f"{k}" / "x").kind == ACCEPTED, line
-    drawn = [arguments.mutant(bases, 3, k)[1] for k in range(30)]
-    assert [arguments.mutant(fuzz.lines(), 3, k)[1] for k in range(30)] == drawn
 
 
 def _refuse(said: str) -> int:

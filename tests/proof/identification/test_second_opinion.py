@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError, identification
+from softdyn import identification
 from softdyn.identification import Measurements
 from softdyn.identification.parameters import apply_values, member_values
 from softdyn.validation.identification.trials import Excitation, twin_data
@@ -82,24 +80,3 @@ def test_each_kind_is_written_where_mujoco_reads_it(kind, tmp_path):
     size = np.abs(expected).max()
     assert np.allclose(twin.data.qacc[states.dofs], expected, atol=1e-6 * size)
     assert not np.allclose(model.forward_dynamics(q, v, u), expected, atol=1e-4 * size)
-
-
-def test_what_does_not_apply_is_named(finger, factors, recorded, monkeypatch):
-    data, _ = recorded
-    offsets = identification.parameters(finger, "offset")
-    with pytest.raises(InputError, match=r"no kinds but stiffness.*got offset"):
-        second.check(finger, data, [*factors, *offsets])
-    tip = Measurements(data.t, data.u, ("tip.x",), data.outputs[:, :1])
-    with pytest.raises(InputError, match=r"all joints measured and nothing else.*got tip\.x"):
-        second.check(finger, tip, factors)
-    late = replace(data, t=data.t + 0.003 * (np.arange(len(data.t)) > 30))
-    with pytest.raises(InputError, match="times in equal steps"):
-        second.check(finger, late, factors)
-    pressed = data.outputs.copy()
-    pressed[:, 1] = finger.upper[1]
-    held = Measurements(data.t, data.u, data.names, pressed)
-    with pytest.raises(InputError, match=rf"leave their stops.*got {finger.joint_names[1]}"):
-        second.check(finger, held, factors)
-    monkeypatch.setattr(second.importlib, "import_module", lambda name: object())
-    with pytest.raises(InputError, match=r"the extra softdyn\[sysid\]"):
-        second.check(finger, data, factors)

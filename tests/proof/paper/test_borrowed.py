@@ -4,9 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-import softdyn
 from softdyn import InputError
-from softdyn.validation import Twin
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.fingerprint import fingerprint
 from softdyn.validation.twin.plant_errors import PlantErrors
@@ -51,55 +49,6 @@ def test_the_file_s_geoms_stand_where_it_has_them(tmp_path):
     assert twin.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_MULTICCD
 
 
-def test_meshes_and_a_body_of_two_joints(tmp_path):
-    """A geom moves with the last joint of its body; a mesh keeps its place."""
-    corners = [f"v {x} {y} {z}\n" for x in (0, 0.02) for y in (0, 0.01) for z in (0, 0.01)]
-    (tmp_path / "block.obj").write_text("".join(corners))
-    mass = '<inertial pos="0 0 0" mass="0.01" diaginertia="1e-5 1e-5 1e-5"/>'
-    geoms = (
-        '<geom type="mesh" mesh="block" pos="0.01 0.002 0" euler="0 0 30"/>'
-        '<geom type="box" size="0.004 0.005 0.006" pos="0.05 0 0.01"/>'
-    )
-    (tmp_path / "two.xml").write_text(
-        '<mujoco><asset><mesh name="block" file="block.obj"/></asset><worldbody><body>'
-        f'<joint axis="0 1 0"/>{mass}{geoms}<body pos="0.06 0 0"><joint axis="0 1 0"/>{mass}'
-        f'<body pos="0.12 0 0"><joint axis="0 1 0" pos="-0.06 0 0"/><joint axis="0 1 0"/>{mass}'
-        f"{geoms}</body></body></body></worldbody></mujoco>"
-    )
-    twin = BorrowedShapes(tmp_path / "two.xml", "finger")
-    source = mujoco.MjModel.from_xml_path(str(tmp_path / "two.xml"))
-    data = mujoco.MjData(source)
-    data.qpos[:] = q = np.array([0.3, -0.2, 0.5, 0.1])
-    twin.set_state(q, np.zeros(4))
-    mujoco.mj_forward(source, data)
-    assert [twin.model.body(k).name for k in twin.model.geom_bodyid] == ["link1"] * 2 + [
-        "link4"
-    ] * 2
-    np.testing.assert_allclose(twin.data.geom_xpos, data.geom_xpos, atol=1e-9)
-    np.testing.assert_allclose(twin.data.geom_xmat, data.geom_xmat, atol=1e-6)
-
-
-def test_all_else_is_the_twin_s(tmp_path):
-    plain = Twin("finger")
-    plant = BorrowedPlant.of(PlantErrors(), chain(tmp_path / "chain.xml"))
-    twin = plant.twin("finger")
-    assert plant.contacts
-    for name in ("body_mass", "body_inertia", "dof_damping", "jnt_stiffness", "jnt_range"):
-        np.testing.assert_array_equal(getattr(twin.model, name), getattr(plain.model, name))
-    for each in (plain, twin):
-        each.advance(np.array([0.1, -0.05]), 20)
-    np.testing.assert_allclose(twin.qpos, plain.qpos, atol=1e-12)  # nothing touches yet
-
-
-def test_neighbours_of_the_base_touch_it(tmp_path):
-    path = chain(tmp_path / "chain.xml", size="019")
-    twin = BorrowedShapes(path, "finger", contacts=True)
-    first = twin.model.body("link1").id
-    pairs = {tuple(sorted(twin.model.geom_bodyid[c.geom])) for c in twin.data.contact}
-    assert (0, first) in pairs
-    assert not Twin("finger", contacts=True).data.ncon
-
-
 def test_a_run_is_known_by_the_content_of_the_shapes(tmp_path):
     """The content counts, not the name: that of the MJCF, its includes and its meshes."""
     text = chain(tmp_path / "chain.xml").read_text()
@@ -131,10 +80,3 @@ def test_a_run_is_known_by_the_content_of_the_shapes(tmp_path):
     assert marks[-1] == marks[1]
     with pytest.raises(InputError, match=r"none\.xml"):
         mark("none.xml")
-
-
-def test_files_that_do_not_fit_are_refused(tmp_path):
-    with pytest.raises(InputError, match="4 joints"):
-        BorrowedShapes(chain(tmp_path / "three.xml", joints=3), softdyn.load("finger"))
-    with pytest.raises(InputError, match="an MJCF file"):
-        BorrowedShapes(tmp_path / "none.xml", "finger")

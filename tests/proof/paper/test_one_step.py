@@ -2,18 +2,13 @@
 
 import json
 import math
-import re
-import shlex
-import subprocess
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError
 from softdyn.commands import cli
 from softdyn.validation import paper
 from softdyn.validation.loop.settings import RunOptions
@@ -21,7 +16,6 @@ from softdyn.validation.studies.engine.case import Case
 from tests.proof import reproduce
 from tests.proof.paper import one_step
 from tests.proof.paper.reproduction import changed
-from tests.support import ROOT
 
 # finger, Soft ID-CLF-QP, θ = 0: the first steps of the reference implementation's run at 37d7d0f
 Q = np.array(
@@ -102,25 +96,6 @@ def test_the_emulation_of_the_finger_is_complete(cut):
     assert found["solver_max"] is None
 
 
-@pytest.mark.parametrize(
-    ("left_out", "figure"),
-    [("ellipse", "target_m"), ("stale", "input_max"), ("plant-step", "state_max")],
-)
-def test_what_is_left_out_shows(cut, left_out, figure):
-    names = ["ellipse", "sampled", "late", "stale", "plant-step", "soft-stops", "jdot"]
-    whole = one_step.row(cut, "+".join(names))
-    names.remove(left_out)
-    found = one_step.row(cut, "+".join(names))
-    assert found[figure] > 10 * max(whole[figure], 1e-5)
-
-
-def test_scs_is_its_own_yardstick(cut):
-    pytest.importorskip("scs")
-    found = one_step.row(cut, cut.experiment + "+scs")
-    assert 0 < found["solver_max"] < 0.1
-    assert found["input_max"] < 0.1
-
-
 def test_a_law_s_own_record_is_met(tmp_path):
     """A record of the emulation itself is reproduced to the last digits, with helix's inputs."""
     name, period = "reference", paper.setup("helix").period
@@ -147,26 +122,6 @@ def test_a_law_s_own_record_is_met(tmp_path):
     assert off["state_off"] == 5
 
 
-@pytest.mark.parametrize(
-    "name", ["finger_soft-id-clf-qp.npz", "panda_ic_theta0.npz", "finger_ic_theta.npz", "a.npz"]
-)
-def test_a_name_that_says_nothing_is_refused(tmp_path, name):
-    with pytest.raises(InputError, match="recorded run"):
-        one_step.read_run(save(tmp_path / name))
-
-
-def test_files_that_are_no_records_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"\*\.npz"):
-        one_step.records(tmp_path)
-    path = tmp_path / "finger_ic_theta0.npz"
-    path.write_bytes(b"PK\x03\x04")
-    with pytest.raises(InputError, match="recorded run"):
-        one_step.read_run(path)
-    wide = one_step.read_run(save(path, np.zeros((3, 5)), np.zeros((3, 5)), np.zeros((3, 4))))
-    with pytest.raises(InputError, match="5 joints"):
-        one_step.row(wide, "reference")
-
-
 def test_command_prints_the_table(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(cli, "one_thread", lambda: None)
@@ -181,16 +136,3 @@ def test_command_prints_the_table(tmp_path, monkeypatch, capsys):
     assert reproduce.main(["late", "--records", "runs", "--robots", "finger", "helix"]) == 0
     assert "late" in capsys.readouterr().out
     assert reproduce.main(["--records", "runs", "--robots", "helix"]) == 2
-
-
-def test_the_lines_that_another_engine_needs_otherwise_are_there(tmp_path):
-    """The edits that docs/reproduction.md states for the engine of the records still apply."""
-    text = (ROOT / "docs/reproduction.md").read_text(encoding="utf-8")
-    told = re.findall(r"^(sed -i .*) (\w[\w/]+\.py)$", text, re.M)
-    assert len(told) == 4
-    for command, name in told:
-        copy = tmp_path / Path(name).name
-        before = (ROOT / name).read_text(encoding="utf-8")
-        copy.write_text(before, encoding="utf-8")
-        subprocess.run([*shlex.split(command), str(copy)], check=True)
-        assert copy.read_text(encoding="utf-8") != before

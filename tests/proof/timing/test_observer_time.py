@@ -3,19 +3,8 @@
 from __future__ import annotations
 
 import json
-import math
 
-import numpy as np
-import pytest
-
-import softdyn
-from softdyn.controllers import SoftIdClfQp
-from softdyn.validation import Rig
-from tests.proof import observer_time
-from tests.proof.observer_time import observed_loop, observer_row
-from tests.proof.timing.step_time import WARM_UP
 from tests.support.command import proof
-from tests.support.sensed import sensors
 
 OWN = """
 class Slow:
@@ -26,48 +15,6 @@ class Observer(Slow):
     def step(self, t, measurements, u):
         return None
 """
-
-
-class Recorder:
-    """It takes 2 ms by its clock when a late reading arrives, and 1 µs otherwise."""
-
-    def __init__(self, clock):
-        self.taken, self.clock = [], clock
-
-    def step(self, t, measurements, u):
-        self.taken.append((t, measurements, u))
-        camera = [z[2:] for _, z, _ in self.taken[-2:]]
-        late = len(camera) == 2 and not np.array_equal(*camera)
-        self.clock.append(2_000_000 if late else 1_000)
-
-
-@pytest.fixture(scope="module")
-def loop():
-    model = softdyn.load("finger")
-    rig = Rig(sensors=sensors(model, rate=60.0, latency=0.03), seed=0)
-    return observed_loop(model, SoftIdClfQp, rig, duration=0.6)
-
-
-def test_steps_are_those_of_the_loop(loop):
-    assert [t for t, *_ in loop.steps] == pytest.approx(loop.period * np.arange(len(loop.steps)))
-    own = [math.floor((k * loop.period - 0.03) * 60 + 1e-3) for k in range(120)]
-    expected = [k for k in range(1, 120) if own[k] > max(own[k - 1], -1)]
-    assert expected == list(np.flatnonzero(loop.late))
-    for k in expected[1:]:  # a new picture arrives; the first one was shown before
-        assert not np.array_equal(loop.steps[k][1][2:], loop.steps[k - 1][1][2:])
-    assert not np.array_equal(loop.steps[40][2], loop.steps[41][2])  # commands vary
-
-
-def test_late_steps_have_their_own_times(loop, monkeypatch):
-    clock = []
-    monkeypatch.setattr(observer_time, "perf_counter_ns", lambda: sum(clock))
-    observers = [Recorder(clock), Recorder(clock)]
-    row = observer_row("finger", softdyn.load("finger"), observers, loop)
-    assert row["samples"] == 2 * (len(loop.steps) - WARM_UP)
-    assert row["late_samples"] == 2 * loop.late[WARM_UP:].sum() > 0
-    assert row["late_median_us"] == pytest.approx(2000)
-    assert row["median_us"] == pytest.approx(1)
-    assert row["median_us"] <= row["p99_us"] <= row["p999_us"]
 
 
 def test_the_command(tmp_path):

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError
 from softdyn.controllers import BEYOND, CONTROLLERS, SoftIdClfQp
-from softdyn.validation import paper
 from tests.proof.paper.paper_qps import PAPER_QPS, PrintedLaw
 from tests.proof.paper.solvers import Scs
 from tests.proof.throughput import throughput
-from tests.proof.timing.recording import RecordedStates, record, recorded
-from tests.proof.timing.step_time import Subject, measure, spread_points
-from tests.support import micro
+from tests.proof.timing.recording import record
+from tests.proof.timing.step_time import Subject, measure
 from tests.support.command import proof
 
 CONTRACT = {
@@ -59,69 +55,12 @@ def test_the_command_times_the_states_it_finds(states, tmp_path):
         assert (tmp_path / name).stat().st_size > 0
 
 
-def test_more_rows_of_tasks(states, tmp_path):
-    (tmp_path / "states").mkdir()
-    states.save(tmp_path / "states" / "finger.npz")
-    common = ("--robots", "finger", "--controllers", "soft-id-clf-qp", "--states", 25,
-              "--rounds", 1, "--no-stack", "--out", tmp_path, "--json", "-")  # fmt: skip
-    done = proof("step-time", *common, "--rows", 6, 12)
-    assert done.code == 0, done.err
-    rows = json.loads(done.out)["rows"]
-    assert [row["task_rows"] for row in rows] == [3, 6, 12]
-    assert rows[0]["tip_ratio"] == 1
-    for row in rows[1:]:
-        assert row["tip_ratio"] == pytest.approx(row["median_us"] / rows[0]["median_us"])
-    code, _, err = proof("step-time", *common, "--rows", 7)
-    assert (code, err.count("\n")) == (2, 1)
-    assert "a multiple of 3" in err
-
-
-def test_the_reference_of_further_points_is_where_their_loop_ends(finger, states):
-    tip, middle = spread_points(finger, 6)
-    assert tip.link == "tip"
-    steps = states.task_steps(finger, [tip, middle])
-    for loop in set(states.loop):
-        own = np.flatnonzero(states.loop == loop)
-        end = finger.link_poses(states.q[own[states.t[own].argmax()]])[middle.link][:3, 3]
-        for k in own:
-            q, v, reference = steps[k]
-            assert (q == states.q[k]).all()
-            assert (v == states.v[k]).all()
-            assert (reference.targets["tip"].y == states.y[k]).all()
-            np.testing.assert_allclose(reference.targets[middle.name].y, end, atol=1e-12)
-
-
 def test_bad_input_is_one_line(tmp_path):
     for arguments in (("--robots", "nobody"), ("--controllers", "nobody"), ("--states", "0")):
         code, _, err = proof("step-time", *arguments, "--out", tmp_path)
         assert code == 2
         assert err.startswith("error: ")
         assert err.count("\n") == 1
-
-
-def test_recorded_states_are_kept_exactly(finger, states, tmp_path):
-    assert len(states) == 25
-    assert set(states.loop) == {
-        *(f"set_point {t:g}" for t in paper.THETAS),
-        "tracking 0.5",
-    }
-    assert (states.t[states.loop == "tracking 0.5"] <= 0.6).all()
-    path = tmp_path / "finger.npz"
-    states.save(path)
-    again = RecordedStates.load(path)
-    for name in ("q", "v", "y", "ydot", "yddot", "t", "loop", "digest"):
-        assert np.array_equal(getattr(again, name), getattr(states, name))
-    assert recorded(finger, SoftIdClfQp, 25, tmp_path, "finger").q.tobytes() == states.q.tobytes()
-    path.write_bytes(b"no archive")
-    with pytest.raises(InputError, match="recorded states"):
-        RecordedStates.load(path)
-
-
-def test_states_of_another_file_are_recorded_anew(finger, states, tmp_path):
-    path = tmp_path / "finger.npz"
-    other = replace(states, digest="of another file")
-    other.save(path)
-    assert recorded(finger, SoftIdClfQp, 25, tmp_path, "finger").digest != "of another file"
 
 
 def test_parts_and_floor(finger, states):
@@ -166,35 +105,9 @@ def test_the_papers_stack_finds_the_same_inputs(finger, states):
             assert (np.max if unique else np.median)(errors) < tolerance
 
 
-def test_the_stack_is_timed_on_the_same_states(finger, states):
-    def stack(controller):
-        return [lambda state, reference: controller(state, reference).u] * 2
-
-    subject = Subject(finger, SoftIdClfQp, states.steps(), stack)
-    row = measure({"it": subject}, 2)["it"].row()
-    assert row["stack_us"] > 0
-    assert row["stack_difference"] == 0
-    assert row["ratio"] == row["stack_us"] / row["median_us"]
-
-
 def test_throughput(finger):
     row = throughput(finger, "ic-qp", duration=0.2, repeats=1)
     assert (row["control_steps"], row["plant_steps"]) == (40, 400)
     parts = ("setup", "state", "controller", "mujoco", "bookkeeping")
     assert sum(row[f"{part}_s"] for part in parts) == pytest.approx(row["wall_s"])
     assert row["times_real_time"] == pytest.approx(0.2 / row["wall_s"])
-
-
-def test_anyones_robot_is_timed_where_it_can_rest(tmp_path):
-    """A robot with mimic joints has projected terms, and does not follow the paper's ellipse."""
-    model = softdyn.load(micro.write(tmp_path, micro.GRIPPER))
-    states = record(model, BEYOND["mpc"], 30, duration=0.1)
-    assert set(states.loop) <= {"set_point", "tracking"}
-    goals = np.unique(states.y[states.loop == "set_point"], axis=0)
-    assert len(goals) > 1
-    rest = softdyn.statics.inputs_for_tip(model, goals[0], shapes=0).nearest_stable
-    assert np.linalg.norm(rest.y - goals[0]) < 1e-6
-    row = measure({"it": Subject(model, BEYOND["mpc"], states.steps())}, 1)["it"].row()
-    assert row["pinocchio_us"] > 0
-    row = throughput(model, "mpc", duration=0.02, repeats=1)
-    assert row["control_steps"] == 10
