@@ -302,6 +302,7 @@ class _Writer:
                 stiffness=_powers(acts * cable.stiffness, cable.stiffness_curve),
                 springlength=rest,
                 damping=_powers(acts * cable.damping, cable.damping_curve),
+                armature=cable.armature or None,
             )  # fmt: skip
             for joint, coefficient in cable.terms.items():
                 add(node, "joint", joint=joint, coef=coefficient)
