@@ -215,7 +215,7 @@ class ForceBalance:
         if tree.rotors:
             rates, seconds = geometry.arm_rates(v)
             momenta = tree.tendon_armature[:, None] * arms
-            M += tree.rotor_terms(geometry, v)[0]
+            M += tree.rotor_terms(arms, rates, v)[0]
             by_q += momenta.T @ (geometry.arm_rates(a)[0] + seconds)
             by_v += 2.0 * (momenta.T @ rates)
             pull = pull - tree.tendon_armature * (arms @ a + rates @ v)

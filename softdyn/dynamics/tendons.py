@@ -200,9 +200,7 @@ class TendonGeometry:
         if len(segments.bodies) > 0:
             if not v.flags.writeable:
                 v = v.copy()  # a read-only array would need a second compilation
-            segment_rates(
-                rates, seconds, self.S, self.rotations, self.translations, *segments, v
-            )
+            segment_rates(rates, seconds, self.S, self.rotations, self.translations, *segments, v)
         return rates, seconds
 
     def hessians(self) -> np.ndarray:

@@ -318,7 +318,9 @@ class TreeModel(SoftModel):
         arms, B, D, F = self._fixed_arms, self._fixed_B, self._fixed_D, None
         if self.rotors:
             M, _, _, bias, _, h, _ = kernels.joint_terms(joint_rows)
-            more, drift = self.rotor_terms(self._geometry(coordinates), v)
+            if self._spatial:
+                arms, _ = kernels.tendon_terms(joint_rows, len(self.tendons.names))
+            more, drift = self.rotor_terms(arms, self._geometry(coordinates).arm_rates(v)[0], v)
             M += more
             bias += drift
             h += drift
@@ -386,7 +388,7 @@ class TreeModel(SoftModel):
         K, D, *_ = self.passive_forces(coordinates, lengths, arms, v)
         bias = data.nle
         if self.rotors:
-            more, drift = self.rotor_terms(geometry, v)
+            more, drift = self.rotor_terms(arms, geometry.arm_rates(v)[0], v)
             M, bias = M + more, bias + drift
         terms = {
             "q": q, "v": v, "M": M, "bias": bias, "K": K, "D": D, "h": bias + D @ v + K,
@@ -524,14 +526,21 @@ class TreeModel(SoftModel):
         """The tendons in the engine's last kinematics."""
         return self.tendons.at(coordinates, *self.last_kinematics())
 
-    def rotor_terms(self, geometry: TendonGeometry, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The parts of the tendons' armatures in M (n, n) and in C q̇ (n,); see `tendons`."""
-        arms = geometry.moment_arms
+    def rotor_terms(
+        self, arms: np.ndarray, rates: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The parts of the tendons' armatures in M (n, n) and in C q̇ (n,).
+
+        Parameters
+        ----------
+        arms, rates : ndarray, (tendons, n)
+            The moment arms, and their rates along q̇ = v.
+        v : ndarray, (n,)
+            Velocity.
+        """
         scaled = np.sqrt(self.tendon_armature)[:, None] * arms
-        M = scaled.T @ scaled  # symmetric to the bit
-        if not self._spatial:
-            return M, np.zeros(self.nv)
-        return M, (self.tendon_armature * (geometry.arm_rates(v)[0] @ v)) @ arms
+        M: np.ndarray = scaled.T @ scaled  # symmetric to the bit
+        return M, (self.tendon_armature * (rates @ v)) @ arms
 
     # -- configurations ------------------------------------------------------------------------
 
