@@ -15,22 +15,33 @@ def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     """M (nv, nv) after ``mj_fwdPosition``, with the entries that MuJoCo leaves out."""
     M = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, M)
-    if model.ntendon and model.tendon_armature.any():
+    if (armatures := _armatures(model)).any():
         arms = np.zeros((model.ntendon, model.nv))
         sparse = model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind
         mujoco.mju_sparse2dense(arms, data.ten_J, *sparse)
-        M += _apart(model) * (arms.T @ (model.tendon_armature[:, None] * arms))
+        M += _apart(model) * (arms.T @ (armatures[:, None] * arms))
     return M
 
 
 def coupling_tendons(model: mujoco.MjModel) -> list[str]:
     """Names of the tendons with an armature that couples joints on different branches."""
-    found, apart = [], None
-    for t in map(int, np.flatnonzero(model.tendon_armature)):
-        apart = _apart(model) if apart is None else apart
+    found, turning = [], np.flatnonzero(_armatures(model))
+    apart = _apart(model) if len(turning) else np.zeros((0, 0), bool)
+    for t in map(int, turning):
         columns = model.ten_J_colind[model.ten_J_rowadr[t] :][: model.ten_J_rownnz[t]]
         if apart[np.ix_(columns, columns)].any():
             found.append(model.tendon(t).name)
+    return found
+
+
+def _armatures(model: mujoco.MjModel) -> np.ndarray:
+    """Each tendon's armature (tendons,), and that of the actuators on it."""
+    found = model.tendon_armature.copy()
+    for k in np.flatnonzero(model.actuator_armature):
+        if model.actuator_trntype[k] == mujoco.mjtTrn.mjTRN_TENDON:
+            found[model.actuator_trnid[k, 0]] += (
+                model.actuator_gear[k, 0] ** 2 * model.actuator_armature[k]
+            )
     return found
 
 
