@@ -34,7 +34,7 @@ UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3},
     "stiffness": {"Nm_rad": 1.0, "Nmm_rad": 1e-3},
     "damping": {"Nms_rad": 1.0, "Nmms_rad": 1e-3},
-    "inertia": {"kgm2": 1.0, "gmm2": 1e-9},
+    "inertia": {"kgm2": 1.0, "gmm2": 1e-9, "gcm2": 1e-7},
     "cable stiffness": {"N_m": 1.0, "N_mm": 1e3},
     "cable damping": {"Ns_m": 1.0, "Ns_mm": 1e3},
     "speed": {"mm_s": 1e-3, "m_s": 1.0},

@@ -41,7 +41,7 @@ from softdyn.description.strict_xml import Element
 BLOCK, VERSION = "softdyn", "1"
 CHILDREN = ("joint", "tendon", "actuator", "sensor", "task", "fluid")
 CURVES = ("stiffness_poly", "damping_poly")
-TENDON = ("stiffness", "damping", "rest", "slack", "friction", "driven", *CURVES)
+TENDON = ("stiffness", "damping", "rest", "slack", "friction", "driven", "armature", *CURVES)
 ENDS = tuple(end.value for end in PathEnd)
 COINCIDENT = 1e-9  # metres between two sites that count as one point
 WRAPS = ("cylinder", "sphere")
@@ -197,7 +197,10 @@ def _tendon(element: Element, links: dict[str, Link], joints: dict[str, Joint]) 
         wraps,
     )
     spring, damper = _curves(element, tendon)
-    tendon = replace(tendon, stiffness_poly=spring, damping_poly=damper)
+    armature = element.non_negative("armature")
+    tendon = replace(tendon, stiffness_poly=spring, damping_poly=damper, armature=armature)
+    if armature > 0 and wraps:
+        raise element.error("no armature of a tendon around a round body", f"{armature:g}")
     if tendon.friction > MOST_FRICTION:
         raise element.error(f"friction <= {MOST_FRICTION:g}", tendon.friction)
     if tendon.driven is not None and not tendon.rubs:

@@ -133,6 +133,10 @@ def _winch(
     for name in ("length_lower", "length_upper"):
         if tendon.sites and math.isfinite(bound := getattr(winch, name)) and bound < 0:
             raise element.error(f"{name} >= 0, the length of a path", bound)
+    if tendon.armature > 0:  # the rotor is behind the cable's spring, which has no mass
+        raise element.error(
+            f"no armature of tendon {tendon.name!r} beside a winch", f"{tendon.armature:g}"
+        )
     for term in tendon.terms:
         check_position(element, joints[term.joint], "a winch")
     return winch

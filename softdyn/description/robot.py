@@ -207,6 +207,9 @@ class Tendon:
     The cable rubs on its guides with the coefficient `friction`: see `softdyn.actuation.capstan`.
     Its actuators, its spring and its damper pull at the end `driven`. If that is None, they pull at
     the end nearer to the base: see `driven_end`.
+
+    `armature` (kg) is the inertia of its motor's rotor: I N²/r² for a rotor of the inertia I behind
+    a gear of the ratio N and a drum of the radius r. A tendon with wraps has none.
     """
 
     name: str
@@ -221,6 +224,7 @@ class Tendon:
     wraps: tuple[Wrap, ...] = ()
     stiffness_poly: Pair = (0.0, 0.0)
     damping_poly: Pair = (0.0, 0.0)
+    armature: float = 0.0
 
     @property
     def path(self) -> tuple[JointTerm | Site | Wrap, ...]:
@@ -403,6 +407,9 @@ class Robot:
                   if any((*one.stiffness_poly, *one.damping_poly))]  # fmt: skip
         if curved:
             parts += (curved,)
+        turning = [(one.name, one.armature) for one in self.tendons if one.armature]
+        if turning:
+            parts += (turning,)
         wraps = [(tendon.name, tendon.wraps) for tendon in self.tendons if tendon.wraps]
         if wraps:
             parts += (wraps,)

@@ -153,7 +153,7 @@ def _block(robot: Robot) -> list[str]:
         rest = {"rest": tendon.rest, "slack": "true" if tendon.slack else None}
         driven = None if tendon.driven is None else tendon.driven.value
         rubs = {"friction": tendon.friction or None, "driven": driven}
-        springs |= _curves(tendon)
+        springs |= {"armature": tendon.armature or None, **_curves(tendon)}
         lines += _nested("tendon", path, name=tendon.name, **springs, **rest, **rubs)
     lines += [tag("actuator", **_stated(actuator)) for actuator in robot.actuators]
     lines += [tag("sensor", **_stated(sensor)) for sensor in robot.sensors]

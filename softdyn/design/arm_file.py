@@ -80,9 +80,11 @@ def robot(layout: Layout) -> Robot:
         last = float(x)
     tip = (arm.length - last + arm.tip[0], *map(float, arm.tip[1:]))
     words = {name: motor.words for motor in arm.motors for name in motor.cables}
+    rotors = {name: motor.armature for motor in arm.motors for name in motor.cables}
     for cable in arm.cables:
         bounds = Input(GEAR, (0, cable.max_tension))
-        chain.pull(_tendon(layout, cable), bounds, **words.get(cable.name, {}))
+        tendon = replace(_tendon(layout, cable), armature=rotors.get(cable.name, 0.0))
+        chain.pull(tendon, bounds, **words.get(cable.name, {}))
     for one in arm.chambers:
         pressures = Input(one.section_area, (one.min_pressure, one.max_pressure))
         chain.pull(_tendon(layout, one), pressures, unit=PASCAL, **words.get(one.name, {}))

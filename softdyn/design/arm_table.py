@@ -14,7 +14,7 @@ from softdyn.description.rig import CommandKind, Sensor, SensorKind
 from softdyn.description.robot import EARTH, NO_FLUID, Fluid
 from softdyn.description.stated_task import StatedTask, read_tasks
 from softdyn.description.strict_xml import Element
-from softdyn.design.cables import ArmSensor, Cable, CableMotor, Chamber
+from softdyn.design.cables import ArmSensor, Cable, CableMotor, Chamber, rotor_armature
 from softdyn.design.layout import FREEDOMS, lay_out
 from softdyn.design.quadrature import RULES
 from softdyn.design.rods import (
@@ -329,9 +329,24 @@ def _motor(table: TomlTable, groups: Mapping[str, tuple[str, ...]]) -> CableMoto
             table.number("lag", "time", 0.0),
             table.number("rate", RATES[command], math.inf),
             table.number("delay", "time", 0.0),
+            _rotor(table),
         )
     table.rest()
     return motor
+
+
+def _rotor(table: TomlTable) -> float:
+    """The inertia of a motor's rotor along its cable (kg)."""
+    inertia = table.number("rotor_inertia", "inertia", 0.0, lower=0.0)
+    return (
+        0.0
+        if not inertia
+        else rotor_armature(
+            inertia,
+            table.number("reduction", default=1.0, above=0.0),
+            table.number("drum_radius", "length", above=0.0),
+        )
+    )
 
 
 def _valve(table: TomlTable, groups: Mapping[str, tuple[str, ...]]) -> CableMotor:

@@ -203,6 +203,8 @@ class CableMotor:
         s.
     rate : float
         Unit of the command per second.
+    armature : float
+        Inertia of a motor's rotor felt along its cable (kg): see `rotor_armature`.
     """
 
     cables: tuple[str, ...]
@@ -214,6 +216,7 @@ class CableMotor:
     lag: float = 0.0
     rate: float = math.inf
     delay: float = 0.0
+    armature: float = 0.0
 
     def __post_init__(self) -> None:
         instances("cables", self.cables, str, "the name of a cable")
@@ -221,6 +224,7 @@ class CableMotor:
         for name, upper in (("lag", math.inf), ("delay", LONGEST_DELAY), ("damping", math.inf)):
             number(name, getattr(self, name), lower=0.0, upper=upper)
         number("rate", self.rate, above=0.0, finite=False)
+        number("armature", self.armature, lower=0.0)
         for name, open_end in (("length_lower", -math.inf), ("length_upper", math.inf)):
             if (bound := getattr(self, name)) != open_end:
                 number(name, bound)
@@ -228,6 +232,8 @@ class CableMotor:
             bounds = f"{self.length_lower} and {self.length_upper}"
             raise InputError("length_lower", "at most length_upper", bounds)
         if self.command is not CommandKind.FORCE:
+            if self.armature:  # the rotor is behind the cable's spring, which has no mass
+                raise InputError("armature", "0 of a winch", self.armature)
             number("stiffness", self.stiffness, lower=SMALLEST_WINCH)
             return
         for name in ("stiffness", "damping", "length_lower", "length_upper"):
@@ -238,7 +244,25 @@ class CableMotor:
     @property
     def words(self) -> dict[str, Any]:
         """The fields that an `Actuator` has too."""
-        return {field.name: getattr(self, field.name) for field in fields(self)[1:]}
+        return {field.name: getattr(self, field.name) for field in fields(self)[1:-1]}
+
+
+def rotor_armature(inertia: float, reduction: float, radius: float) -> float:
+    """Inertia I N²/r² (kg) felt along a cable: that of a rotor behind a gear and a drum.
+
+    The cable's rate ℓ̇ turns the drum with ℓ̇/r and the rotor with N ℓ̇/r, whose kinetic energy is
+    ½ I (N ℓ̇/r)².
+
+    Parameters
+    ----------
+    inertia : float
+        I of the rotor about its own axis (kg m²).
+    reduction : float
+        N, turns of the rotor for one turn of the drum.
+    radius : float
+        r of the drum (m).
+    """
+    return inertia * (reduction / radius) ** 2
 
 
 @dataclass(frozen=True)

@@ -359,6 +359,8 @@ class Arm:
             wound = motor.command is not CommandKind.FORCE
             if wound and (pushed := sorted(chambers.intersection(motor.cables))):
                 raise InputError("motors", f"a valve of chamber {pushed[0]!r}", "a winch")
+            if motor.armature and (pushed := sorted(chambers.intersection(motor.cables))):
+                raise InputError("motors", f"a valve of chamber {pushed[0]!r}", "an armature")
         driven = [name for motor in self.motors for name in motor.cables]
         if twice := sorted({name for name in driven if driven.count(name) > 1}):
             raise InputError("motors", f"one motor of cable {twice[0]!r}", driven.count(twice[0]))

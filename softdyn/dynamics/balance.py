@@ -15,6 +15,10 @@ the force f = Σ gear u - k (ℓ - rest) - d ℓ̇. Its part of r is -α f, with
 
     by q: αᵀ (k α + d (H v)) - f H,    by v: d αᵀ α.
 
+The armature m of a tendon adds m α αᵀ to M, and takes m (α · a + vᵀ H v) from f, with
+
+    by q: m α (H a + ∂(vᵀ H v)/∂q)ᵀ,    by v: 2 m α (H v)ᵀ.
+
 A slack tendon without tension has k = d = 0. The cable of a winch adds its own k and d
 (`softdyn.dynamics.winches`).
 
@@ -208,6 +212,13 @@ class ForceBalance:
             gain, damping = gain - by_length, damping - by_rate
             by_v -= arms.T @ (by_rate[:, None] * arms)
         pull = self._gears @ u
+        if tree.rotors:
+            rates, seconds = geometry.arm_rates(v)
+            momenta = tree.tendon_armature[:, None] * arms
+            M += tree.rotor_terms(arms, rates, v)[0]
+            by_q += momenta.T @ (geometry.arm_rates(a)[0] + seconds)
+            by_v += 2.0 * (momenta.T @ rates)
+            pull = pull - tree.tendon_armature * (arms @ a + rates @ v)
         r += passive.K + passive.D @ v - pull @ arms
         by_q.flat[:: n + 1] += passive.stiffness
         if self._pulls_back:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from softdyn.checks import array, length, vector
+from softdyn.checks import array, length, read_only, vector
 from softdyn.description.robot import Robot
 from softdyn.dynamics import text
 from softdyn.dynamics.curves import Curves, curves_of
@@ -86,6 +86,11 @@ class SoftModel(Protocol):
     tendon_rest: np.ndarray
     tendon_slack: np.ndarray
     joint_curves: Curves | None = None
+
+    @cached_property
+    def tendon_armature(self) -> np.ndarray:
+        """Armature (tendons,) of each tendon: its rotor's inertia felt along it (kg)."""
+        return read_only([tendon.armature for tendon in self.robot.tendons])
 
     @cached_property
     def tendon_curves(self) -> Curves | None:
@@ -403,7 +408,7 @@ class State:
     q, v : ndarray, (nq,), (n,)
         Configuration and velocity (rad, m; per second).
     M : ndarray, (n, n)
-        Mass matrix, armature included.
+        Mass matrix, armatures of joints and tendons included.
     bias : ndarray, (n,)
         C q̇ + g.
     K : ndarray, (n,)

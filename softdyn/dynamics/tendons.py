@@ -18,6 +18,18 @@ segment's entry (j, k) of the moment arms' gradient ∂²ℓ/∂q² is
 Joint j is the one nearer to the base. The second term counts only if both joints move the same end
 of the segment, because joint j then rotates the column c_k.
 
+A rotor that a cable turns has the kinetic energy ½ m ℓ̇², where m (kg) is the cable's armature, and
+ℓ̇ = α · q̇. With α = ∂ℓ/∂q and H = ∂²ℓ/∂q², Lagrange's equations give the terms
+
+    m α αᵀ of M,    m α (H q̇)ᵀ of C,    and so the force m α (q̇ᵀ H q̇),
+
+with which Ṁ - 2C stays skew. The derivatives need α along a motion with constant q̇ = v. There
+
+    α̇ = H v,    α̈ = ∂(vᵀ H v)/∂q.
+
+Both follow from α_k = d · c_k by the product rule. A column S_k moves with the twist V of its body,
+Ṡ_k = V × S_k and S̈_k = V̇ × S_k + V × Ṡ_k, with V̇ = Σ Ṡ_j v_j over the joints up to joint k.
+
 Two sites with a round body between them are no segment, but a piece of
 `softdyn.dynamics.wrapped_paths`.
 """
@@ -172,6 +184,25 @@ class TendonGeometry:
             total, rates = total + more[0], rates + more[1]
         return total, rates
 
+    def arm_rates(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The rates (tendons, nv) of the moment arms along a constant q̇ = v, and of these rates.
+
+        Only joint terms and straight segments count.
+
+        Parameters
+        ----------
+        v : ndarray, (nv,)
+            Velocity.
+        """
+        rates = np.zeros((len(self.tendons.names), len(v)))
+        seconds = np.zeros(rates.shape)
+        segments = self.tendons.segments
+        if len(segments.bodies) > 0:
+            if not v.flags.writeable:
+                v = v.copy()  # a read-only array would need a second compilation
+            segment_rates(rates, seconds, self.S, self.rotations, self.translations, *segments, v)
+        return rates, seconds
+
     def hessians(self) -> np.ndarray:
         """Gradients of the moment arms ∂²ℓ/∂q² (tendons, nv, nv)."""
         still, units = np.zeros(len(self.S)), np.eye(len(self.tendons.names))
@@ -309,6 +340,113 @@ def segment_curvature(S, rotations, translations, bodies, offsets, pairs, signs,
                     total[k, j] += force[t] * value
                     rates[t, k] += value * v[j]
     return total, rates
+
+
+@compiled
+def segment_rates(
+    rates, seconds, S, rotations, translations, bodies, offsets, pairs, signs, v
+):  # fmt: skip
+    """Add the rates of the segments' moment arms, and the rates of these: see `arm_rates`.
+
+    Parameters
+    ----------
+    rates, seconds : ndarray, (tendons, nv)
+        Sums to add to.
+    v : ndarray, (nv,)
+        Velocity.
+
+    The other arguments are those of `moment_arms`.
+    """
+    # position, velocity and acceleration of the start (0) and of the end (1)
+    point, speed, turn = np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3))
+    # the direction with its rates
+    d, d1, d2 = np.empty(3), np.empty(3), np.empty(3)
+    # a body's twist and its rate; a column's rates
+    twist, drift, first, second = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
+    last = 0
+    for s in range(len(bodies)):
+        begin = last
+        while last < len(pairs) and pairs[last, 1] == s:
+            last += 1
+        for end in range(2):
+            body = bodies[s, end]
+            for x in range(3):
+                point[end, x] = translations[body, x]
+                for y in range(3):
+                    point[end, x] += rotations[body, x, y] * offsets[s, 3 * end + y]
+            for x in range(6):
+                twist[x] = drift[x] = 0.0
+            for p in range(begin, last):
+                if (signs[p] > 0) == (end == 1):
+                    advance(twist, drift, first, S[pairs[p, 0]], v[pairs[p, 0]])
+            for x in range(3):
+                speed[end, x] = twist[x] + cross(twist[3:], point[end], x)
+            for x in range(3):
+                turn[end, x] = (
+                    drift[x] + cross(drift[3:], point[end], x) + cross(twist[3:], speed[end], x)
+                )
+        square = along = swift = pull = 0.0
+        for x in range(3):
+            d[x] = point[1, x] - point[0, x]
+            square += d[x] * d[x]
+        length = max(np.sqrt(square), TINY)
+        for x in range(3):
+            d[x] /= length
+            d1[x], d2[x] = speed[1, x] - speed[0, x], turn[1, x] - turn[0, x]
+            along += d[x] * d1[x]
+            swift += d1[x] * d1[x]
+            pull += d[x] * d2[x]
+        pull += (swift - along * along) / length
+        for x in range(3):
+            d1[x] = (d1[x] - along * d[x]) / length
+            d2[x] = (d2[x] - pull * d[x] - 2 * along * d1[x]) / length
+        for end in range(2):
+            for x in range(6):
+                twist[x] = drift[x] = 0.0
+            for p in range(begin, last):
+                if (signs[p] > 0) != (end == 1):
+                    continue
+                k = pairs[p, 0]
+                column = S[k]
+                advance(twist, drift, first, column, v[k])
+                for x in range(6):
+                    second[x] = motion_cross(drift, column, x) + motion_cross(twist, first, x)
+                rate = more = 0.0
+                for x in range(3):
+                    c = column[x] + cross(column[3:], point[end], x)
+                    c1 = first[x] + cross(first[3:], point[end], x)
+                    c1 += cross(column[3:], speed[end], x)
+                    c2 = second[x] + cross(second[3:], point[end], x)
+                    c2 += 2 * cross(first[3:], speed[end], x) + cross(column[3:], turn[end], x)
+                    rate += d1[x] * c + d[x] * c1
+                    more += d2[x] * c + 2 * d1[x] * c1 + d[x] * c2
+                rates[bodies[s, 2], k] += signs[p] * rate
+                seconds[bodies[s, 2], k] += signs[p] * more
+
+
+@compiled
+def advance(twist, drift, rate, column, speed):
+    """Add a joint's motion to the twist and its rate; write the rate of its column."""
+    for x in range(6):
+        twist[x] += column[x] * speed
+    for x in range(6):
+        rate[x] = motion_cross(twist, column, x)
+        drift[x] += rate[x] * speed
+
+
+@compiled
+def cross(a, b, x):
+    """The x-th number of the product a × b of two vectors (3,)."""
+    y, z = (x + 1) % 3, (x + 2) % 3
+    return a[y] * b[z] - a[z] * b[y]
+
+
+@compiled
+def motion_cross(a, b, x):
+    """The x-th number of the product of two twists (v; ω): the rate of b carried by a."""
+    if x >= 3:
+        return cross(a[3:], b[3:], x - 3)
+    return cross(a[3:], b[:3], x) + cross(a[:3], b[3:], x)
 
 
 def compile_tendons(

@@ -111,6 +111,9 @@ def rig_lines(robot: Robot) -> Iterator[str]:
         if not actuator.is_ideal:
             motors.setdefault(_motor(actuator), []).append(actuator.name)
     yield from (f"motors {short(names)}: {text}" for text, names in motors.items())
+    rotors = [f"{one.name} {one.armature:g} kg" for one in robot.tendons if one.armature]
+    if rotors:
+        yield f"armatures of tendons: {short(rotors)}"
     kinds = Counter(sensor.kind.value for sensor in robot.sensors)
     if kinds:
         yield f"sensors: {', '.join(f'{count} {kind}' for kind, count in kinds.items())}"

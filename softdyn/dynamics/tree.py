@@ -93,6 +93,8 @@ class TreeModel(SoftModel):
         The same model without forces of one's own; forces are called with it.
     gear : ndarray, (m,)
         Force of each input along its tendon for u = 1.
+    rotors : bool
+        Whether a tendon has an armature.
     actuated : ndarray of int, (m,)
         The tendon of each input.
 
@@ -209,6 +211,7 @@ class TreeModel(SoftModel):
         count, self._spatial = len(tendons.names), tendons.spatial
         self._joint_rows = self.nv + kernels.JOINT_TERMS + count + self.nu, self.nv
         self._tip_and_lengths = 6 + count
+        self.rotors = bool(self.tendon_armature.any())
         self._curved = self.joint_curves is not None or self.tendon_curves is not None
         self._damped = tendons.spatial and bool(self.tendon_damping.any()) and not self._curved
         self._slackens = bool(self.tendon_slack.any()) and not self._curved
@@ -235,7 +238,8 @@ class TreeModel(SoftModel):
 
     def states(self, Q: np.ndarray, V: np.ndarray) -> StateBatch:
         """The States of k configurations and velocities, equal to those of `state` to the bit."""
-        if self.tendons.wraps or self._curved or self._forces or not COMPILES:
+        own = self._curved or self.rotors or bool(self._forces)
+        if self.tendons.wraps or own or not COMPILES:
             return SoftModel.states(self, Q, V)
         Q, V = check_batch(self, Q, V)
         Q.flags.writeable = V.flags.writeable = True  # else Numba compiles the kernel once more
@@ -312,6 +316,14 @@ class TreeModel(SoftModel):
         if here is not q:
             tip_and_lengths[:3] += q[:3]
         arms, B, D, F = self._fixed_arms, self._fixed_B, self._fixed_D, None
+        if self.rotors:
+            M, _, _, bias, _, h, _ = kernels.joint_terms(joint_rows)
+            if self._spatial:
+                arms, _ = kernels.tendon_terms(joint_rows, len(self.tendons.names))
+            more, drift = self.rotor_terms(arms, self._geometry(coordinates).arm_rates(v)[0], v)
+            M += more
+            bias += drift
+            h += drift
         if self._curved:
             D = read_only(self._bend_springs(joint_rows, tip_and_lengths, coordinates, v))
         if self._forces:
@@ -374,8 +386,12 @@ class TreeModel(SoftModel):
             arms = geometry.moment_arms
             B = self._input_matrix(arms)
         K, D, *_ = self.passive_forces(coordinates, lengths, arms, v)
+        bias = data.nle
+        if self.rotors:
+            more, drift = self.rotor_terms(arms, geometry.arm_rates(v)[0], v)
+            M, bias = M + more, bias + drift
         terms = {
-            "q": q, "v": v, "M": M, "bias": data.nle, "K": K, "D": D, "h": data.nle + D @ v + K,
+            "q": q, "v": v, "M": M, "bias": bias, "K": K, "D": D, "h": bias + D @ v + K,
             "J": J, "Jdot": Jdot, "y": y, "ydot": J @ v, "lengths": lengths, "moment_arms": arms,
         }  # fmt: skip
         kept = {name: read_only(np.ascontiguousarray(value)) for name, value in terms.items()}
@@ -389,7 +405,12 @@ class TreeModel(SoftModel):
         """Coriolis matrix C (n, n) with Ṁ - 2C skew-symmetric."""
         q, v = self._read(q), vector("v", v, self.nv)
         C = pin.computeCoriolisMatrix(self.engine, self.pin_data, self.about_base(q), v)
-        return read_only(np.reshape(C, (self.nv, self.nv)))
+        C = np.reshape(C, (self.nv, self.nv))
+        if self.rotors:
+            geometry = self.tendon_geometry(q)
+            momenta = self.tendon_armature[:, None] * geometry.moment_arms
+            C = C + momenta.T @ geometry.arm_rates(v)[0]
+        return read_only(C)
 
     def gravity(self, q: np.ndarray) -> np.ndarray:
         """Gravity force g (n,), the gradient of `gravity_energy`."""
@@ -401,8 +422,15 @@ class TreeModel(SoftModel):
     # -- dynamics ------------------------------------------------------------------------------
 
     def forward_dynamics(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Acceleration q̈ (n,) under the input u (m,), by the articulated-body algorithm."""
+        """Acceleration q̈ (n,) under the input u (m,), by the articulated-body algorithm.
+
+        The armature of a tendon couples joints, which that algorithm does not know. With one, the
+        linear system M q̈ = B u - h is solved.
+        """
         u = vector("u", u, self.nu)
+        if self.rotors:
+            state = self.state(q, v)
+            return np.linalg.solve(state.M, state.B @ u - state.h)
         if self._spatial:  # the State's kernel has lengths and arms in a fifth of the time
             state = self.state(q, v)
             q, v, B, K, D = state.q, state.v, state.B, state.K, state.D
@@ -419,7 +447,11 @@ class TreeModel(SoftModel):
         """½ q̇ᵀ M q̇ (J), armature included."""
         q, v = self.about_base(self._read(q)), vector("v", v, self.nv)
         M = np.reshape(pin.crba(self.engine, self.pin_data, q), (self.nv, self.nv))
-        return float(v @ M @ v) / 2
+        energy = float(v @ M @ v)
+        if self.rotors:
+            rates = self.tendon_geometry(q).moment_arms @ v
+            energy += float(self.tendon_armature @ rates**2)
+        return energy / 2
 
     def gravity_energy(self, q: np.ndarray) -> float:
         """Potential energy of gravity (J), zero at the world's origin."""
@@ -493,6 +525,22 @@ class TreeModel(SoftModel):
     def _geometry(self, coordinates: np.ndarray) -> TendonGeometry:
         """The tendons in the engine's last kinematics."""
         return self.tendons.at(coordinates, *self.last_kinematics())
+
+    def rotor_terms(
+        self, arms: np.ndarray, rates: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The parts of the tendons' armatures in M (n, n) and in C q̇ (n,).
+
+        Parameters
+        ----------
+        arms, rates : ndarray, (tendons, n)
+            The moment arms, and their rates along q̇ = v.
+        v : ndarray, (n,)
+            Velocity.
+        """
+        scaled = np.sqrt(self.tendon_armature)[:, None] * arms
+        M: np.ndarray = scaled.T @ scaled  # symmetric to the bit
+        return M, (self.tendon_armature * (rates @ v)) @ arms
 
     # -- configurations ------------------------------------------------------------------------
 

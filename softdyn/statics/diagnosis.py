@@ -187,6 +187,7 @@ class Diagnosis:
                 "length": float(length),
                 "stiffness": tendon.stiffness,
                 "slack": tendon.slack,
+                "armature": tendon.armature,
                 "friction": tendon.friction,
                 "actuators": [a.name for a in robot.actuators if a.tendon == tendon.name],
             }

@@ -237,6 +237,7 @@ def _springs(robot: Robot) -> Iterator[str]:
     for tendon in robot.tendons:
         pulled = any(actuator.tendon == tendon.name for actuator in robot.actuators)
         own = tendon.stiffness, tendon.damping, *tendon.stiffness_poly, *tendon.damping_poly
+        own += (tendon.armature,)
         if not pulled and not any(own):
             yield f"tendon {tendon.name!r} does nothing: no actuator, no stiffness, no damping"
     damped = {_first(joint) for joint in robot.moving_joints if joint.damping > 0}

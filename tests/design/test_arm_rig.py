@@ -68,6 +68,9 @@ delay_ms = 5
 cables = ["long"]
 lag_s = 0.01
 rate_N_s = 30
+rotor_inertia_gcm2 = 2
+reduction = 50
+drum_radius_mm = 10
 [[sensor]]
 name = "encoder"
 type = "length"
@@ -125,6 +128,7 @@ def test_a_motor_drives_the_cables_of_its_tables(rigged: Robot) -> None:
     cable = rigged.tendons[3]
     assert (cable.stiffness, cable.damping, cable.rest, cable.slack) == (200.0, 1.0, None, True)
     assert not any(tendon.slack for tendon in rigged.tendons[:3])
+    assert [tendon.armature for tendon in rigged.tendons] == pytest.approx([0, 0, 0, 5.0])
 
 
 def test_sensors_stand_where_their_table_places_them(rigged: Robot) -> None:
@@ -189,6 +193,12 @@ WRONG = {
     "spring of a force": ("lag_s = 0.01", "stiffness_N_m = 1", 'stiffness: .*got command "force"'),
     "bound of a force": ("lag_s = 0.01", "length_upper_m = 1", "length_upper: expected a command"),
     "crossed bounds": ("= -50", "= 50", "length_lower: expected at most length_upper, got 0.05"),
+    "rotor of a winch": (
+        "lag_ms = 20",
+        "rotor_inertia_gcm2 = 2\ndrum_radius_mm = 9",
+        "armature: expected 0 of a winch",
+    ),
+    "rotor without a drum": ("drum_radius_mm = 10\n", "", "drum_radius"),
     "negative lag": ("lag_ms = 20", "lag_ms = -20", "lag: expected a finite number >= 0"),
     "no rate": ("rate_mm_s = 80", "rate_mm_s = 0", "rate: expected a number > 0"),
     "rate of another command": ("rate_mm_s", "rate_N_s", "rate_N_s: expected"),

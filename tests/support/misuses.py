@@ -574,6 +574,10 @@ WRAPS = [
     Misuse("side on the line of the sites", wrap('xyz="0.025 0 0.02" radius="0.01" '
            'side="0.04 0 0.02"', "sphere"), f"<softdyn>{CABLE}<sphere>",
            "a side beside the line of the sites through its centre", "one on it"),
+    Misuse("armature of a tendon around a round body", inside(
+           '<tendon name="t" armature="1"><site link="base" xyz="0 0 0.02"/><cylinder link="base"'
+           f' {ROUND} {PIN}/><site link="pad" xyz="0 0 0.01"/></tendon>'),
+           '<softdyn><tendon name="t">', "no armature of a tendon around a round body", "1"),
 ]  # fmt: skip
 INPUTS = [
     Misuse("actuator without a name", ('<actuator name="u1" ', "<actuator "),
@@ -685,6 +689,11 @@ RIG = [
            "gear=1.0 lower=0.0 upper=5.0"),
     Misuse("winch without a gear", u2(FREE_LENGTH, 'gear="0" lower="0" upper="5"'),
            f"<softdyn>{U2}", "a gear other than 0 of a winch", "0.0"),
+    Misuse("armature of a winch's tendon", inside(
+           '<tendon name="t" armature="1"><joint name="bend" coef="1"/></tendon>'
+           '<actuator name="w" tendon="t" gear="-1" lower="0" upper="1" command="length"'
+           ' stiffness="9"/>'), '<softdyn><actuator name="w">',
+           "no armature of tendon 't' beside a winch", "1"),
     Misuse("winch's cable on a force", u2('stiffness="900"'), f"<softdyn>{U2}",
            'command="length" or "velocity" beside stiffness', 'command="force"'),
     Misuse("free length's bound on a force", u2('command="force" length_upper="1"'),

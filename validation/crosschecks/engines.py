@@ -161,11 +161,14 @@ def _settle_one_sided(scene: Scene) -> None:
             getattr(model, f"tendon_{name}")[index] = np.atleast_1d(cause.a)[0]
             getattr(model, f"tendon_{name}poly")[index] = 0.0
             _silence_drives(model, index, (SORTS.mjTRN_TENDON,), cause)
-        elif cause.kind in ("armature", "tendon") and cause.where not in matched:
-            numbers = [k for k in range(model.ntendon) if model.tendon(k).name == cause.where]
-            for k in numbers if cause.a is None or cause.kind == "armature" else ():
+        elif cause.kind == "armature" and cause.where in tendons:
+            index = scene.tendons[tendons.index(cause.where)]
+            model.tendon_armature[index] = cause.a
+            _silence_drives(model, index, (SORTS.mjTRN_TENDON,), cause)
+        elif cause.kind == "tendon" and cause.a is None and cause.where not in matched:
+            for k in [k for k in range(model.ntendon) if model.tendon(k).name == cause.where]:
                 _silence_drives(model, k, (SORTS.mjTRN_TENDON,), cause)
-                for field in TENDON if cause.kind == "tendon" else ("tendon_armature",):
+                for field in TENDON:
                     getattr(model, field)[k] = 0.0
         elif cause.kind == "gravity" and cause.where == "world":
             model.opt.gravity[:] = cause.a

@@ -17,6 +17,7 @@ from softdyn.validation.mjcf.servos import as_forces
 from softdyn.validation.twin.free_base import rk4_on_rotations
 from softdyn.validation.twin.integrators import Integrator
 from softdyn.validation.twin.own_forces import OwnForces
+from softdyn.validation.twin.rotors import coupling_tendons, mass_matrix
 from softdyn.validation.twin.settings import disabled
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin, check_warnings
@@ -41,6 +42,9 @@ class MujocoTerms:
         Numbers of actuators and of degrees of freedom.
     shared : np.ndarray, (tendons,)
         Whether the twin has each tendon of the model; a scene may have motors on joints instead.
+    steps_itself : bool
+        Whether MuJoCo cannot compute q̈: for a robot with followers, and for a tendon whose
+        armature couples branches (`softdyn.validation.twin.rotors`).
     mass : float
         Mass of all moving bodies (kg).
     """
@@ -63,7 +67,7 @@ class MujocoTerms:
         self._model.opt.disableflags = off
         self._model.opt.enableflags = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
         self.nv, self.nu = len(states.dofs), self._inputs.shape[1]
-        self._tied = self.nv < self._model.nv
+        self.steps_itself = self.nv < self._model.nv or bool(coupling_tendons(self._model))
         paths = bool((self._model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE).any())
         self._damping_varies = paths and bool(self._model.tendon_damping.any())
         self.mass = float(self._model.body_mass[1:].sum())
@@ -115,9 +119,7 @@ class MujocoTerms:
         return self._map.T @ self._M() @ self._map
 
     def _M(self) -> np.ndarray:
-        matrix = np.zeros((self._model.nv, self._model.nv))
-        mujoco.mj_fullM(self._model, self._data, matrix)
-        return matrix
+        return mass_matrix(self._model, self._data)
 
     def bias(self) -> np.ndarray:
         """C q̇ + g (nv,), with M times the twin's accelerations at constant v."""
@@ -227,7 +229,7 @@ class MujocoTerms:
     def qdd(self, u: np.ndarray) -> np.ndarray:
         """Acceleration (nv,) under the input u (nu,).
 
-        It is MuJoCo's own. For a robot with followers it is solved from MuJoCo's projected forces
+        It is MuJoCo's own. If the twin `steps_itself`, it is solved from MuJoCo's projected forces
         and mass matrix.
         """
         self._data.ctrl[:] = self._inputs @ u
@@ -237,7 +239,7 @@ class MujocoTerms:
 
     def _accelerations(self) -> np.ndarray:
         """q̈ (nv,) of MuJoCo's last forward computation."""
-        if not self._tied:
+        if not self.steps_itself:
             return self._map.T @ (self._data.qacc - self._rate @ self._v)
         return np.linalg.solve(self.M(), self._map.T @ self._data.qfrc_smooth - self._turning())
 
@@ -249,6 +251,8 @@ class MujocoTerms:
         """Kinetic and potential energy with that of all springs (J)."""
         mujoco.mj_energyPos(self._model, self._data)
         mujoco.mj_energyVel(self._model, self._data)
+        if self.steps_itself:  # by the whole M
+            self._data.energy[1] = self._data.qvel @ self._M() @ self._data.qvel / 2
         constant, slope = self._model.actuator_biasprm[self._slack, :2].T
         lengths = self._data.ten_length[self._model.actuator_trnid[self._slack, 0]]
         pulls = np.maximum(constant - slope * lengths, 0.0)
@@ -272,8 +276,8 @@ class MujocoTerms:
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Integrate each input (nu,) for its number of steps.
 
-        MuJoCo integrates, except for a robot with followers. That is integrated here by the same
-        schemes, with MuJoCo's forces, mass matrix and update of positions.
+        MuJoCo integrates, unless the twin `steps_itself`. Then the robot is integrated here by the
+        same schemes, with MuJoCo's forces, mass matrix and update of positions.
 
         Yields
         ------
@@ -288,7 +292,7 @@ class MujocoTerms:
         data = self._data
         for u, steps in zip(inputs, holds, strict=True):
             data.ctrl[:] = self._inputs @ u
-            if self._tied:
+            if self.steps_itself:
                 for _ in range(steps):
                     self._step(self._model.opt.timestep)
             elif self._own is not None:

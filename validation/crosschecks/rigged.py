@@ -116,7 +116,7 @@ class RigTerms(MujocoTerms):
 
     def readings(self, commands: np.ndarray) -> np.ndarray:
         """The sensors' readings (k,) without errors."""
-        if self._tied:  # MuJoCo's own accelerations lack the followers' constraints
+        if self.steps_itself:  # MuJoCo's own accelerations lack the followers' constraints
             self._data.qacc[:] = self._map @ self.qdd(commands) + self._rate @ self._v
             mujoco.mj_rnePostConstraint(self._model, self._data)
             mujoco.mj_sensorAcc(self._model, self._data)

@@ -117,8 +117,8 @@ def compare_trajectories(
     alone = model.robot.floating and not model.robot.moving_joints
     # Forces of one's own may damp a base, whose velocities have other axes in MuJoCo.
     dragged = model.robot.floating and model.forced
-    # With followers the judge steps itself, and knows the slopes of linear dampers only.
-    tied = bool(model.robot.followers) and (bool(model.robot.fluid) or model.curved)
+    # A judge that steps itself knows the slopes of linear dampers only.
+    tied = judge.steps_itself and (bool(model.robot.fluid) or model.curved)
     none = alone or dragged or tied or damping_couples_branches(model, *start)
     share = share_of(model, *start)
     runs, ladders, refused = list[TrajectoryRun](), list[StepLadder](), list[SimulationError]()

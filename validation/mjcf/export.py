@@ -145,8 +145,7 @@ def unsaid(robot: Neutral) -> Iterator[str]:
         for link, share in part.gravcomp.items():
             yield f"link {link!r}: body_gravcomp {share:g}"
     for tendon in robot.cables:
-        armature = {"tendon_armature": (tendon.armature,)} if tendon.armature else {}
-        yield from _unsaid(f"tendon {tendon.name!r}", armature | tendon.more)
+        yield from _unsaid(f"tendon {tendon.name!r}", tendon.more)
     for motor in (m for m in robot.motors if not m.law):  # the others are left out
         yield from _unsaid(f"actuator {motor.name!r}", motor.more)
     for tie in robot.couplings:

@@ -32,7 +32,9 @@ from softdyn.validation.twin.bodies import Shape as Collision
 from softdyn.validation.twin.bodies import Tree, read_bodies
 from softdyn.validation.twin.build import OFF_SURFACE, ON_SURFACE, neighbours
 from softdyn.validation.twin.drives import LARGEST_FORCE, UNBOUNDED, sensor_frames, slack_name
+from softdyn.validation.twin.rotors import coupling_tendons
 from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF
+from softdyn.validation.twin.twin import Twin
 
 NEGLIGIBLE = 1e-12  # kg, and kg·m²: for a massless body that cannot be merged with another
 SMALLEST = 1e-14  # kg·m²: MuJoCo's compiler wants moments above 1e-15
@@ -302,6 +304,7 @@ class _Writer:
                 stiffness=_powers(acts * cable.stiffness, cable.stiffness_curve),
                 springlength=rest,
                 damping=_powers(acts * cable.damping, cable.damping_curve),
+                armature=cable.armature or None,
             )  # fmt: skip
             for joint, coefficient in cable.terms.items():
                 add(node, "joint", joint=joint, coef=coefficient)
@@ -427,6 +430,11 @@ def lost(robot: Robot) -> list[str]:
     """The properties of the URDF that the MJCF does not state."""
     notes = [*visuals(robot)[1], *tree_of(robot).skipped, *lost_rig(robot)]
     notes += [f"the force {force.name!r} of your own" for force in robot.forces]
+    if any(tendon.armature for tendon in robot.tendons):
+        notes += [
+            f"tendon {name!r}: the coupling of branches by its armature, which MuJoCo leaves out"
+            for name in coupling_tendons(Twin(robot).model)
+        ]
     for part in from_urdf(robot).parts:
         moments = np.linalg.eigvalsh(part.inertia.tensor)
         excess = moments[2] - moments[1] - moments[0]

@@ -202,9 +202,14 @@ def _tendons(source: Neutral, link_of: dict[int, str], lost: list[str]) -> Itera
         ]
         wraps = tuple(_wraps(source, cable, link_of, lost))
         rest = taut if sprung else None
+        armature = cable.armature
+        wound = any("command" in m.rig for m in source.motors if m.target == f"tendon:{cable.name}")
+        if armature and (wound or wraps):
+            lost.append(f"tendon {cable.name!r}: its armature {armature:g}")
+            armature = 0.0
         yield Tendon(
             cable.name, tuple(terms), tuple(sites), cable.stiffness, cable.damping, rest, slackens,
-            *cable.friction, wraps, spring, damper,
+            *cable.friction, wraps, spring, damper, armature,
         )  # fmt: skip
 
 

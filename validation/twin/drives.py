@@ -148,7 +148,7 @@ def add_tendon(spec: mujoco.MjSpec, tendon: Tendon) -> None:
     added.damping = [acts * tendon.damping, *tendon.damping_poly]
     # explicit, because MuJoCo's default is the length at springref
     added.springlength = (0.0, 0.0)
-    added.limited, added.frictionloss, added.armature = 0, 0.0, 0.0
+    added.limited, added.frictionloss, added.armature = 0, 0.0, tendon.armature
     for term in tendon.terms:
         added.wrap_joint(term.joint, term.coef)
     between = {wrap.after: wrap for wrap in tendon.wraps}

@@ -158,6 +158,11 @@ class Rig:
             if actuator.is_winch and (actuator.stiffness < SMALLEST_WINCH or actuator.pushes):
                 expected = f"an input {actuator.name!r} that only pulls, with a cable's stiffness"
                 raise InputError("command", expected, repr(self.command))
+            if actuator.is_winch and any(
+                tendon.armature > 0 for tendon in robot.tendons if tendon.name == actuator.tendon
+            ):
+                expected = f"a force, as tendon {actuator.tendon!r} has an armature"
+                raise InputError("command", expected, repr(self.command))
         sensors, tendons = self._sensors(robot), self._tendons(robot)
         return replace(robot, actuators=actuators, sensors=sensors, tendons=tendons)
 

@@ -29,6 +29,7 @@ from softdyn.validation.twin.cable_friction import CableFriction
 from softdyn.validation.twin.integrators import Integrator, integrator_of
 from softdyn.validation.twin.obstacles import Contacts, add_obstacles
 from softdyn.validation.twin.own_forces import OwnForces
+from softdyn.validation.twin.rotors import coupling_tendons
 from softdyn.validation.twin.settings import Settings, silence
 from softdyn.validation.twin.state_map import StateMap
 
@@ -175,6 +176,7 @@ class Twin(Separate):
             self._own = OwnForces(
                 self.robot, self.model, self.data, StateMap(build_model(self.robot), self)
             )
+        self._lost = coupling_tendons(self.model)
         self.reset()
 
     def amend(self, spec: mujoco.MjSpec) -> None:
@@ -226,8 +228,10 @@ class Twin(Separate):
         ------
         InputError
             The shape is wrong, or a number is not finite or beyond ±1e10. MuJoCo itself would
-            silently start from another state.
+            silently start from another state. The armature of a tendon couples branches: see
+            `softdyn.validation.twin.rotors`.
         """
+        self._check_rotors()
         qpos = self._vector("qpos", qpos, self.model.nq)
         qvel = self._vector("qvel", qvel, self.model.nv)
         self._reset()
@@ -305,11 +309,12 @@ class Twin(Separate):
         ------
         InputError
             The input has the wrong shape or is not finite; a force of one's own cannot be used, or
-            is too stiff for the step.
+            is too stiff for the step; the armature of a tendon couples branches.
         SimulationError
             MuJoCo warned that the state diverged or that contacts did not fit. `data` is left as it
             is.
         """
+        self._check_rotors()
         self.data.ctrl[: self.nu] = array("u", u, (self.nu,))
         if self.cable_friction is None and self._own is None:
             mujoco.mj_step(self.model, self.data, steps)
@@ -324,6 +329,12 @@ class Twin(Separate):
                 else:
                     self._own.step()
         check_warnings(self.data)
+
+    def _check_rotors(self) -> None:
+        """Refuse to move a robot whose mass matrix MuJoCo does not hold."""
+        if self._lost:
+            expected = "joints of one branch with an armature: MuJoCo couples no others"
+            raise InputError(f"tendon {self._lost[0]!r}", expected, 'others; plant="model" does')
 
     def _forward(self) -> None:
         """Compute the derived quantities of the present state."""

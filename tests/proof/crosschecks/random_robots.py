@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from softdyn.description.urdf import parse_text
+
 
 def numbers(values: object) -> str:
     """Numbers as the exact decimal text of their doubles."""
@@ -189,7 +191,27 @@ def draft_text(draft: Draft, seed: int) -> str:
     block = "\n".join([*draft.armatures, *tendons, *actuators, task])
     body = "\n".join(draft.parts)
     head = f'<robot name="random_{seed}">'
-    return f'{head}\n{body}\n<softdyn version="1">\n{block}\n</softdyn>\n</robot>\n'
+    text = f'{head}\n{body}\n<softdyn version="1">\n{block}\n</softdyn>\n</robot>\n'
+    return with_rotors(text, np.random.default_rng((seed, 1)))
+
+
+def with_rotors(text: str, rng: np.random.Generator) -> str:
+    """The file with armatures of some tendons, of those that MuJoCo knows: along one branch."""
+    robot = parse_text(text, path="random.urdf")
+    for tendon in robot.tendons:
+        chains = [{joint.name for joint in robot.chain(site.link)} for site in tendon.sites]
+        over = (
+            set[str]().union(*chains) - set[str]().intersection(*chains)
+            if chains
+            else {term.joint for term in tendon.terms}
+        )
+        moving = [joint for joint in robot.moving_joints if joint.name in over]
+        ways = [{joint.name for joint in robot.chain(joint.child)} for joint in moving]
+        together = {joint.name for joint in moving} <= max(ways, key=len, default=set())
+        if rng.random() < 0.3 and together:
+            name = f'<tendon name="{tendon.name}"'
+            text = text.replace(name, f'{name} armature="{numbers(10.0 ** rng.uniform(-3, 0))}"')
+    return text
 
 
 def write_robot(seed: int, folder: Path, bodies: int = 7) -> Path:

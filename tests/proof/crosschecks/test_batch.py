@@ -44,13 +44,16 @@ def test_a_hundred_random_robots(block):
         assert row.passed is True, row
 
 
+SPRING = "stiffness", "rest", "damping", "armature"
+
+
 def test_random_robots_have_every_feature_of_the_format():
     """By the tags of a hundred: joints, tendons, massless links alone and in a row."""
     seen: set[str] = set()
     for seed in range(100):
         root = ElementTree.fromstring(random_urdf(seed))
         seen |= {f"{x.get('type')} joint" for x in root.iter("joint") if x.get("type")}
-        for tag, fields in (("tendon", ("stiffness", "rest", "damping")), ("joint", ("armature",))):
+        for tag, fields in (("tendon", SPRING), ("joint", ("armature",))):
             seen |= {f"{tag} {name}" for x in root.iter(tag) for name in fields if x.get(name)}
         seen |= {f"{x.tag} in {y.tag}" for y in root.iter() for x in y}
         light = {x.get("name") for x in root.iter("link") if x.find("inertial") is None}
@@ -67,7 +70,8 @@ def test_random_robots_have_every_feature_of_the_format():
     kinds = ("revolute", "continuous", "prismatic", "fixed")
     assert seen >= {f"{kind} joint" for kind in kinds} | {
         "massless links in a row", "a massless link alone",
-        "tendon stiffness", "tendon rest", "tendon damping", "joint armature", "site in tendon",
+        "tendon stiffness", "tendon rest", "tendon damping", "tendon armature",
+        "joint armature", "site in tendon",
         "joint in tendon", "actuator in softdyn", "task in softdyn", "springReference in gazebo",
     }  # fmt: skip
 

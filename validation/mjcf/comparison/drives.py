@@ -138,7 +138,7 @@ def _tendons(
             yield Finding(
                 "armature", one.name, (one.armature, other.armature), "of the tendon",
                 _with_tendon(other.name, armature=one.armature), size,
-                urdf or not (one.armature and other.armature),
+                not (one.armature and other.armature),
             )  # fmt: skip
         reach = _stretch(one, lengths)
         for gap in curves(one, other, reach, _units(one, a), urdf=urdf):

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from softdyn.description.inertia import Inertia
 from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, WORLD, Neutral
 from softdyn.validation.twin.integrators import Integrator
+from softdyn.validation.twin.rotors import mass_matrix
 from softdyn.validation.twin.settings import Settings, silence
 
 QUANTITIES = ("M", "bias", "g", "J")
@@ -223,7 +224,7 @@ def _measure(
         turn[at : at + free, first : first + free] = block
         first += free
     rows: list[list[np.ndarray]] = [[] for _ in range(7)]
-    M, jacobian = np.empty((model.nv, model.nv)), np.empty((3, model.nv))
+    jacobian = np.empty((3, model.nv))
     for k, v in enumerate(states.v):
         for part, joint, own, q in zip(robot.parts, joints, axes, states.q, strict=True):
             at = model.jnt_qposadr[joint]
@@ -233,7 +234,7 @@ def _measure(
             turned = Rotation.from_rotvec(own.T @ q[k, -3:]).as_quat(scalar_first=True)
             data.qpos[at : at + FREEDOMS[part.kind] + 1] = *q[k, :-3], *turned
         mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fullM(model, data, M)
+        M = mass_matrix(model, data)
         forces = []
         for velocity in (turn @ v, 0.0):
             data.qvel[:] = velocity

@@ -108,6 +108,7 @@ def from_urdf(robot: Robot) -> Neutral:
         cables.append(
             NeutralTendon(
                 tendon.name, terms, tuple(path), tendon.stiffness, tendon.damping, (rest, rest),
+                tendon.armature,
                 slack=tendon.slack and (tendon.stiffness or tendon.damping) > 0,
                 friction=(tendon.friction, tendon.driven),
                 stiffness_curve=tendon.stiffness_poly, damping_curve=tendon.damping_poly,
