@@ -251,13 +251,18 @@ def with_number(forces: Sequence[Any], place: str, value: Any) -> list[Any]:
         expected = ", ".join(names) or "a force"
         raise InputError(f"force {name!r}", expected, did_you_mean(name, names))
     old = forces[names.index(name)]
-    known = [key for key in dir(old) if _is_number(old, key)]
+    known = number_names(old)
     if field not in known:
         expected = f"a number of it, {', '.join(known) or 'which has none'}"
         raise InputError(f"force {name!r}", expected, did_you_mean(field, known))
     changed = copy.deepcopy(old)
     object.__setattr__(changed, field, number(place, value))
     return [changed if force is old else force for force in forces]
+
+
+def number_names(force: Any) -> list[str]:
+    """The names of a force's fields that are numbers, its own and those of its class."""
+    return [name for name in dir(force) if _is_number(force, name)]
 
 
 def numbers_of(force: Any) -> dict[str, float]:
