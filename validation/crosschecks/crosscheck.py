@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.description.robot import NO_FLUID
 from softdyn.dynamics.forces import differences, energy_of, total_derivatives, total_force
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.projection import underlying_tree
@@ -71,7 +70,7 @@ SCALES = {
     "trajectory": "1 rad and 1 rad/s",
 }
 QUANTITIES = tuple(SCALES)
-FORCE = "F"  # forces of one's own, or a fluid's, in robots that have some
+FORCE = "F"  # forces of one's own, or a fluid's and buoyancy, in robots that have some
 GIVEN = "given, not checked; derivatives against differences, energy against power"
 TOLERANCE_FORCE = 1e-4
 DIFFERENCE = 1e-5  # s, of an energy along a motion
@@ -308,7 +307,7 @@ def given_forces(
     itself is given: the twin calls the same object.
     """
     tree, S = underlying_tree(model)
-    free = rebuild(tree, replace(tree.robot, forces=(), fluid=NO_FLUID))
+    free = tree.unforced
     errors: dict[str, tuple[list[float], list[float]]] = {f.name: ([], []) for f in model.forces}
     for _ in range(samples):
         q, v = random_state(model, rng)
@@ -389,7 +388,7 @@ def _compare_at(
             "length": (lengths, judge.lengths, length),
             "energy": (energy, judge.energy, weight),
         }
-        if model.robot.fluid and not model.forces:
+        if model.forced and not model.forces:
             pairs[FORCE] = (state.F, judge.F, inertia)
         if judge.nu == model.nu:
             pairs["B"] = (state.B, judge.B, gear * length)
