@@ -246,16 +246,32 @@ def make_forces(arguments: Arguments) -> list[Any]:
     InputError
         A class that cannot be made, and a number of a force or a field that is not there.
     """
-    from softdyn.controllers.registry import find_controller, one_line_errors
-    from softdyn.dynamics.forces import check_forces, with_field
+    from softdyn.controllers.registry import find_controller
+    from softdyn.validation.loop.settings import make_forces
 
-    found = []
-    for name in getattr(arguments, "force", ()):
-        with one_line_errors(name, "a force"):
-            found.append(find_controller(name)())
-    found = [*check_forces(found)]
+    names = getattr(arguments, "force", ())
+    return make_forces(names, force_numbers(arguments), find_controller)
+
+
+def force_numbers(arguments: Arguments) -> dict[str, float]:
+    """The numbers of forces that a command line sets, by NAME.FIELD.
+
+    Raises
+    ------
+    InputError
+        A word of another form.
+    """
+    from softdyn.exceptions import InputError
+
+    found = {}
     for word in getattr(arguments, "force_set", ()):
-        found = with_field(found, word)
+        place, equal, text = word.partition("=")
+        if not equal:
+            raise InputError("--force-set", "NAME.FIELD=X", repr(word))
+        try:
+            found[place] = float(text)
+        except ValueError:
+            raise InputError(place, "a number", repr(text)) from None
     return found
 
 

@@ -35,7 +35,8 @@ sum of squared distances least: with --static the model's in that row, else the 
 
 KIND is stiffness, damping, friction (dry), rest, armature, mass, gear, tendon_stiffness,
 tendon_damping, free_length (of an elastic cable), offset (the unknown zero of a length.TENDON),
-sensor_bias (of each reading) or sensor_latency (of each sensor).
+sensor_bias (of each reading), sensor_latency (of each sensor), or force (numbers of --force).
+force.NAME.FIELD is one number of a force; KIND.MEMBER is one member of any kind of a URDF.
 --free identifies each member in the file separately. --shared identifies one factor on the file's
 values of all members. The file's values are the first guess. If every joint is measured, samples
 near a stop are left out. Otherwise the run must begin at rest under its first input, and it is used
@@ -60,6 +61,7 @@ exit codes: 0 all parameters identified; 1 some not, they keep the file's value;
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
 parser.add_argument("data", metavar="DATA", nargs="?", help="CSV")
+cli.add_force_options(parser)
 parser.add_argument("--free", nargs="+", metavar="KIND", help="default: stiffness damping")
 parser.add_argument("--shared", nargs="+", default=[], metavar="KIND")
 parser.option("--hold-out", cli.finite, "PART", "last part of the data, only for a test", 0.2)
@@ -186,6 +188,8 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.html:
         results.save(lambda path: write_text(path, page(model.name, found)), arguments.html)
     lines = list(identification.doubts(found))
+    words = [f"{name}={value:.12g}" for name, value in values.get("force", {}).items()]
+    lines += [f"for another command: --force-set {' --force-set '.join(words)}"] if words else []
     unseen = None
     if arguments.folds:
         unseen = distance(found.names, left_out(found.fit, arguments.folds))
@@ -224,9 +228,10 @@ def robot_of(arguments: cli.Arguments) -> tuple[DesignFile | None, SoftModel]:
         if arguments.twin is not None:
             expected = "a URDF; `softdyn new` makes one of the TOML file"
             raise InputError("--twin", expected, arguments.robot)
-        made = identification.DesignFile(arguments.robot, arguments.points)
+        forces = cli.make_forces(arguments)
+        made = identification.DesignFile(arguments.robot, arguments.points, forces=forces)
         return made, made.model
-    model = softdyn.load(arguments.robot)
+    model = softdyn.load(arguments.robot, forces=cli.make_forces(arguments))
     if arguments.points:
         markers = identification.read_points(arguments.points)
         model = build(identification.marked(model.robot, markers))

@@ -51,6 +51,7 @@ parser.add_argument("--robots", nargs="+", metavar="ROBOT", help=instead)
 parser.add_argument("--controllers", nargs="+", metavar="CONTROLLER", help=instead)
 parser.add_argument("--period", type=cli.positive, metavar="S", help=f"control period, {instead}")
 study_options.add_own_options(parser)
+cli.add_force_options(parser)
 where = parser.add_mutually_exclusive_group()
 where.add_argument("--jobs", type=cli.count, metavar="N", help="processes (default: one per core)")
 where.add_argument(
@@ -65,8 +66,9 @@ parser.unused(
     "--jobs --scheduler --ensemble --seed --keep", lambda a: a.dry_run, "--dry-run runs nothing"
 )
 parser.unused(
-    "--robots --controllers --period --annotations --gains --jobs --scheduler --out --dry-run "
-    "--ensemble --seed --keep --json", lambda a: a.list, "--list only lists the shipped sweeps",
+    "--robots --controllers --period --annotations --gains --force --force-set --jobs --scheduler "
+    "--out --dry-run --ensemble --seed --keep --json",
+    lambda a: a.list, "--list only lists the shipped sweeps",
 )  # fmt: skip
 
 
@@ -84,7 +86,8 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.file is None:
         parser.error(f"FILE: expected a TOML file, or one of {', '.join(shipped())}, got none")
     said = {key: getattr(arguments, key) for key in ("robots", "controllers", "period")}
-    said |= {"annotations": arguments.annotations}
+    said |= {"annotations": arguments.annotations, "forces": arguments.force or None}
+    said |= {"force": cli.force_numbers(arguments) or None}
     said |= {"gains": cli.read_toml(arguments.gains) if arguments.gains else None}
     wanted = read_sweep(arguments.file, said)
     if not wanted.rows and (arguments.ensemble or arguments.keep):

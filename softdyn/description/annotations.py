@@ -39,7 +39,7 @@ from softdyn.description.stated_task import StatedTask, only_the_tip, read_tasks
 from softdyn.description.strict_xml import Element
 
 BLOCK, VERSION = "softdyn", "1"
-CHILDREN = ("joint", "tendon", "actuator", "sensor", "task", "fluid")
+CHILDREN = ("link", "joint", "tendon", "actuator", "sensor", "task", "fluid")
 CURVES = ("stiffness_poly", "damping_poly")
 TENDON = ("stiffness", "damping", "rest", "slack", "friction", "driven", "armature", *CURVES)
 ENDS = tuple(end.value for end in PathEnd)
@@ -65,7 +65,7 @@ class AnnotationBlock:
 def read_block(
     block: Element, links: dict[str, Link], joints: dict[str, Joint], *, overlay: bool
 ) -> AnnotationBlock:
-    """Read the block, and write armatures into `joints`.
+    """Read the block, and write buoyancy into `links` and armatures into `joints`.
 
     An `overlay` is a block in a separate file. There a joint may have a spring and a damper too;
     they replace those of the URDF.
@@ -73,6 +73,7 @@ def read_block(
     if block.text("version") != VERSION:
         raise block.error(f'version="{VERSION}"', repr(block.text("version")))
     block.allow("version", "gravity", children=CHILDREN)
+    links.update(block.unique("link", lambda element: _buoyant(element, links)))
     compliance = _compliance if overlay else _armature
     joints.update(block.unique("joint", lambda element: compliance(element, joints)))
     tendons = block.unique("tendon", lambda element: _tendon(element, links, joints))
@@ -133,6 +134,16 @@ def _spring_statements(
                 if field == "stiffness" and value < 0:
                     raise child.error("springStiffness >= 0", value)
                 yield child, name, field, value
+
+
+def _buoyant(element: Element, links: dict[str, Link]) -> Link:
+    element.allow("name", "gravcomp")
+    link = links.get(name := element.text("name"))
+    if link is None:
+        raise element.error(A_LINK, did_you_mean(name, links))
+    if not link.mass:
+        raise element.error("a link with mass", f"{name!r} without any")
+    return replace(link, gravcomp=element.non_negative("gravcomp"))
 
 
 def _armature(element: Element, joints: dict[str, Joint]) -> Joint:

@@ -9,7 +9,7 @@ import hashlib
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
@@ -34,7 +34,8 @@ class Link:
 
     `mass` is in kg. `moments` are ixx, ixy, ixz, iyy, iyz and izz (kg·m²) about the centre of mass,
     in the axes of `origin`, which places the centre of mass in the link frame. `looks` are the
-    link's ``<visual>`` and ``<collision>`` elements as XML, in the file's order.
+    link's ``<visual>`` and ``<collision>`` elements as XML, in the file's order. `gravcomp` is the
+    share of its weight that buoyancy carries; see `softdyn.dynamics.buoyancy`.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Link:
     moments: tuple[float, ...] = (0.0,) * 6
     origin: Origin = IDENTITY
     looks: tuple[str, ...] = ()
+    gravcomp: float = 0.0
 
     @property
     def about_com(self) -> Inertia:
@@ -381,6 +383,19 @@ class Robot:
         return tuple(path)
 
     @cached_property
+    def buoyant(self) -> tuple[Link, ...]:
+        """The links that buoyancy lifts."""
+        return tuple(link for link in self.links if link.gravcomp)
+
+    @property
+    def dry(self) -> Robot:
+        """The robot without fluid and buoyancy; itself if there is none."""
+        if not (self.fluid or self.buoyant):
+            return self
+        links = tuple(replace(link, gravcomp=0.0) for link in self.links)
+        return replace(self, fluid=NO_FLUID, links=links)
+
+    @cached_property
     def digest(self) -> str:
         """SHA-256 of all numbers and names that dynamics and rig depend on; copies share it.
 
@@ -417,6 +432,8 @@ class Robot:
             parts += (("gravity", self.gravity),)
         if self.fluid:
             parts += (self.fluid,)
+        if self.buoyant:
+            parts += (("gravcomp", [(one.name, one.gravcomp) for one in self.buoyant]),)
         if self.forces:
             parts += ([content(force) for force in self.forces],)
         return hashlib.sha256(repr(parts).encode()).hexdigest()

@@ -205,6 +205,7 @@ def _robot(
     )
     if element is not None:
         check_placement(element, robot)
+        _check_buoyancy(element, robot)
     return replace(robot, warnings=(*left_out, *repairs, *_check_bodies(root, robot)))
 
 
@@ -358,6 +359,17 @@ def _gravity(element: Element, stated: Vector | None, given: Sequence[float] | N
     if others and (x, y, z) != EARTH:
         raise element.error("one gravity", f"{(x, y, z)}, and 0 0 -9.81 for another tool")
     return x, y, z
+
+
+def _check_buoyancy(block: Element, robot: Robot) -> None:
+    """Refuse different shares of links that are fixed to one another, which are one body."""
+    carrier, shares = moving_link_of(robot), dict[str, float]()
+    for link in robot.links if robot.buoyant else ():
+        body = carrier[link.name]
+        moves = body != robot.root or robot.floating
+        if moves and link.mass and shares.setdefault(body, link.gravcomp) != link.gravcomp:
+            expected = f"one gravcomp for all links with mass that are fixed to {body!r}"
+            raise block.error(expected, f"{shares[body]:g} and {link.gravcomp:g}")
 
 
 def _repair(root: Element, robot: Robot) -> tuple[str, ...]:

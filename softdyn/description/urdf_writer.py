@@ -142,7 +142,8 @@ def _curves(part: Joint | Tendon) -> dict[str, Any]:
 
 def _block(robot: Robot) -> list[str]:
     """The ``<softdyn>`` block: armatures, tendons, the rig, the tasks."""
-    lines = [
+    lines = [tag("link", name=one.name, gravcomp=one.gravcomp) for one in robot.buoyant]
+    lines += [
         tag("joint", name=j.name, armature=j.armature or None, **_curves(j))
         for j in robot.joints
         if j.armature or any(_curves(j).values())

@@ -71,12 +71,13 @@ def robot(layout: Layout) -> Robot:
     for k, (x, group, body) in enumerate(
         zip(layout.stations, layout.springs, layout.bodies, strict=True)
     ):
+        lifted = layout.buoyancy[k]
         place: Sequence[float] = (float(x) - last, 0.0, 0.0)
         angles = ZERO
         if k == 0:
             place, angles = arm.mount.position, arm.mount.angles
         joints = [_joint(spring) for spring in group]
-        chain.add(f"segment_{k}", body, _looks(layout, k), joints, place, angles)
+        chain.add(f"segment_{k}", body, _looks(layout, k), joints, place, angles, lifted)
         last = float(x)
     tip = (arm.length - last + arm.tip[0], *map(float, arm.tip[1:]))
     words = {name: motor.words for motor in arm.motors for name in motor.cables}

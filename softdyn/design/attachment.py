@@ -294,6 +294,7 @@ def _joined(base: Robot, arm: Robot, weld: Joint, name: str) -> Robot:
         for part in fields(base)
         if isinstance(getattr(base, part.name), tuple) and part.name not in SEPARATE
     }
+    both["links"] = (*base.links, *arm.dry.links)  # the fluid is the base's
     both["joints"] = (*base.joints, weld, *arm.joints)
     both["others"] = (*base.others, *(one for one in arm.others if one not in base.others))
     comment = f"\n  {arm.name} on link {weld.parent!r} of {base.name}.\n  {JOINED}\n"

@@ -77,6 +77,7 @@ class Chain:
     def add(
         self, name: str, body: Inertia | None = None, looks: Sequence[str] = (),
         joints: Sequence[Joint] = (), xyz: Sequence[float] = ZERO, angles: Sequence[float] = ZERO,
+        gravcomp: float = 0.0,
     ) -> None:  # fmt: skip
         """Add a link at a pose in the last one, on one-DOF joints in series, or fixed to it.
 
@@ -85,7 +86,8 @@ class Chain:
         link = Link(name, looks=tuple(looks))
         if body is not None:
             com = Origin(vector(body.com))
-            link = replace(link, mass=body.mass, moments=body.moments, origin=com)
+            link = replace(link, mass=body.mass, moments=body.moments, origin=com,
+                           gravcomp=gravcomp)  # fmt: skip
         self._links.append(link)
         place = Origin(vector(xyz), vector(angles))
         group = joints or (Joint(f"{name}_joint", "fixed"),)

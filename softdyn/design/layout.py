@@ -7,8 +7,9 @@ the errors would add up to a twist of first order in the segments' length that n
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -114,6 +115,20 @@ class Layout:
     def body_at(self, x: float) -> int:
         """The body that carries the point x of the arm."""
         return max(int(np.searchsorted(self.stations, number("x", x), side="right")) - 1, 0)
+
+    @cached_property
+    def buoyancy(self) -> tuple[float, ...]:
+        """The share of each body's weight that the fluid around the arm carries.
+
+        The volume is that of sections, discs, plates and payload. Hollows are full of the fluid.
+        """
+        if not self.arm.fluid.density:
+            return (0.0,) * len(self.bodies)
+        displaced = _masses(_of_fluid(self.arm), self.stations)
+        return tuple(
+            float(f"{fluid.mass / body.mass:.12g}") if body.mass else 0.0
+            for fluid, body in zip(displaced, self.bodies, strict=True)
+        )
 
     @cached_property
     def all_springs(self) -> tuple[Spring, ...]:
@@ -232,6 +247,28 @@ def _damped(layout: Layout) -> Layout:
 
 
 # --- masses -------------------------------------------------------------------------------------
+
+
+def _of_fluid(arm: Arm) -> Arm:
+    """The arm with each of its solids made of the fluid around it."""
+    density = arm.fluid.density
+
+    def flooded(plate: Plate | None) -> Plate | None:
+        if plate is None:
+            return None
+        return replace(plate, mass=density * math.pi * plate.radius**2 * plate.thickness)
+
+    sections = tuple(
+        replace(
+            one, mass=None, material=replace(one.material, density=density),
+            disc=flooded(one.disc), plate=flooded(one.plate),
+        )
+        for one in arm.sections
+    )  # fmt: skip
+    ball = arm.payload
+    if ball is not None:
+        ball = replace(ball, mass=density * 4 / 3 * math.pi * ball.radius**3)
+    return replace(arm, sections=sections, payload=ball)
 
 
 def _masses(arm: Arm, stations: np.ndarray) -> tuple[Inertia, ...]:

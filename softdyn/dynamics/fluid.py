@@ -107,6 +107,10 @@ class FluidDrag:
         turned = pin.computeStaticTorqueDerivatives(engine, data, here, self._applied(wrenches))
         return by_q - np.reshape(turned, (n, n)), by_v
 
+    def energy(self, model: Any, q: np.ndarray) -> float:
+        """The potential (J) of the force at rest, where it is zero."""
+        return 0.0
+
     def _at(self, q: np.ndarray) -> tuple[pin.Model, pin.Data, np.ndarray]:
         """The engine without gravity, its memory, and q with the base at the origin."""
         here = q

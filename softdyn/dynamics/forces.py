@@ -234,34 +234,35 @@ def _raised(force: Force, method: str, q: np.ndarray, error: Exception) -> Force
     return ForceError(force, method, q, "no error", one_line(got))
 
 
-def with_field(forces: Sequence[Any], word: str) -> list[Any]:
-    """Forces with one number changed, by words such as ``drag.size=3``.
+def with_number(forces: Sequence[Any], place: str, value: Any) -> list[Any]:
+    """Forces with one number changed, by a place such as ``drag.size``.
 
     Raises
     ------
     InputError
-        For words of another form, a name that no force has, and a field that is no number.
+        For a place of another form, a name that no force has, a field that is no number, and a
+        value that is none.
     """
-    place, equal, text = word.partition("=")
     name, dot, field = place.rpartition(".")
     names = [force.name for force in forces]
-    if not equal or not dot:
-        raise InputError("force", "NAME.FIELD=X", repr(word))
+    if not dot:
+        raise InputError("force", "NAME.FIELD", repr(place))
     if name not in names:
         expected = ", ".join(names) or "a force"
         raise InputError(f"force {name!r}", expected, did_you_mean(name, names))
     old = forces[names.index(name)]
-    known = [key for key in dir(old) if _is_number(old, key)]
+    known = number_names(old)
     if field not in known:
         expected = f"a number of it, {', '.join(known) or 'which has none'}"
         raise InputError(f"force {name!r}", expected, did_you_mean(field, known))
-    try:
-        value = float(text)
-    except ValueError:
-        raise InputError(place, "a number", repr(text)) from None
     changed = copy.deepcopy(old)
     object.__setattr__(changed, field, number(place, value))
     return [changed if force is old else force for force in forces]
+
+
+def number_names(force: Any) -> list[str]:
+    """The names of a force's fields that are numbers, its own and those of its class."""
+    return [name for name in dir(force) if _is_number(force, name)]
 
 
 def numbers_of(force: Any) -> dict[str, float]:

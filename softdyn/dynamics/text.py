@@ -119,6 +119,10 @@ def rig_lines(robot: Robot) -> Iterator[str]:
         yield f"sensors: {', '.join(f'{count} {kind}' for kind, count in kinds.items())}"
     if fluid := robot.fluid:
         yield f"fluid: density {fluid.density:g} kg/m³, viscosity {fluid.viscosity:g} Pa s"
+    if robot.buoyant:
+        weight = sum(link.mass for link in robot.links)
+        share = sum(link.gravcomp * link.mass for link in robot.buoyant) / weight
+        yield f"buoyancy: {share:.3g} of the weight"
     if robot.forces:
         yield f"forces of one's own: {short([force.name for force in robot.forces])}"
 

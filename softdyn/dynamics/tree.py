@@ -12,8 +12,9 @@ import pinocchio as pin
 
 from softdyn.checks import did_you_mean, read_only, vector
 from softdyn.compiled import COMPILES
-from softdyn.description.robot import NO_FLUID, Robot
+from softdyn.description.robot import Robot
 from softdyn.dynamics import kernels
+from softdyn.dynamics.buoyancy import Buoyancy
 from softdyn.dynamics.coordinates import Coordinates
 from softdyn.dynamics.curves import curves_of
 from softdyn.dynamics.engine import (
@@ -170,7 +171,15 @@ class TreeModel(SoftModel):
         if robot.fluid:
             drag = FluidDrag(self.engine, robot.fluid, self.chart.floating)
             self._forces = (*self._forces, drag)
-        free = replace(robot, forces=(), fluid=NO_FLUID) if self._forces else robot
+        if robot.buoyant:
+            lifted = [
+                (body, link.gravcomp * link.mass, place)
+                for link in robot.buoyant
+                for body, place in [self.anchor(link.name, link.origin.translation)]
+                if body
+            ]
+            self._forces = (*self._forces, Buoyancy(self.engine, lifted))
+        free = replace(robot.dry, forces=()) if self._forces else robot
         self.unforced = self if free is self.robot else self._sharing(free)
 
     def _sharing(self, robot: Robot) -> TreeModel:

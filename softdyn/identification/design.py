@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from softdyn.design import arm_file
 from softdyn.design.arm_table import read_arm
 from softdyn.design.layout import Layout, lay_out
 from softdyn.design.source import make_arm, read
+from softdyn.dynamics.forces import copied_forces
 from softdyn.dynamics.mimic import build
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError, errors_in
@@ -89,6 +90,8 @@ class DesignFile:
     path : str or Path
     points : str or Path, optional
         The file of the markers.
+    forces : sequence of Force
+        Forces of one's own that act on the arm.
 
     Raises
     ------
@@ -96,7 +99,10 @@ class DesignFile:
         For a file from which no robot can be made.
     """
 
-    def __init__(self, path: str | Path, points: str | Path | None = None) -> None:
+    def __init__(
+        self, path: str | Path, points: str | Path | None = None, *, forces: Sequence[Any] = ()
+    ) -> None:
+        self.forces = copied_forces(forces)
         self.path = as_path("path", path)
         self.points = None if points is None else as_path("points", points)
         self.table = read_toml(self.path)
@@ -122,7 +128,8 @@ class DesignFile:
         """Unknown numbers; a word is a key without its unit, with more words after dots.
 
         ``offset`` means all offsets, ``offset.2`` second entries, ``offset.left`` those of the
-        table called left, ``s.point`` the places of all markers.
+        table called left, ``s.point`` the places of all markers,
+        ``force.drag.size`` a number of a force of one's own.
 
         Parameters
         ----------
@@ -137,7 +144,7 @@ class DesignFile:
         found: list[Parameter] = []
         labels, nominal = list(self.entries), self.kind.nominal(self.model)
         for word, common in [(word, False) for word in free] + [(word, True) for word in shared]:
-            if word == INPUT_LOSS.name:
+            if word.partition(".")[0] in (INPUT_LOSS.name, "force"):
                 found += parameters(self.model, word, shared=common)
                 continue
             parts = [KEYS.get(part, part) for part in word.split(".")]
@@ -194,7 +201,8 @@ class DesignFile:
         with errors_in(where := str(self.path)):
             layout = lay_out(read_arm(TomlTable(table, where))) if "section" in table else None
             text = read(table, where).text if layout is None else write(arm_file.robot(layout))
-            return build(parse_text(text, path=self.path.with_suffix(".urdf"))), layout
+            robot = parse_text(text, path=self.path.with_suffix(".urdf"))
+            return build(replace(robot, forces=self.forces)), layout
 
     def changed(self, values: Mapping[str, float]) -> dict[str, Any]:
         """The file's table with other values (SI), by label."""

@@ -98,21 +98,31 @@ def parameters(model: SoftModel, kind: str, *, shared: bool = False) -> tuple[Pa
     model : SoftModel
         A model without mimic joints and floating base.
     kind : str
-        A name of `KINDS`.
+        A name of `KINDS`; with a dot and a member's name, such as ``force.drag.size``, that member
+        alone, whether the file gives it or not.
     shared : bool
         Whether the unknown is one factor of all members' values in the file.
 
     Raises
     ------
     InputError
-        For an unknown kind, or one without values in the file.
+        For an unknown kind or member, or a kind without values in the file.
     """
     check_model(model)
+    kind, _, member = kind.partition(".") if isinstance(kind, str) else (kind, "", "")
     if not isinstance(kind, str) or kind not in KINDS:
         raise InputError("kind", f"one of {', '.join(KINDS)}", did_you_mean(str(kind), KINDS))
     shared = flag("shared", shared)
     known = KINDS[kind]
     nominal, names = np.asarray(known.nominal(model)), known.members(model)
+    if member:
+        if member not in names:
+            expected = f"one of {', '.join(names) or 'none'}"
+            raise InputError(f"{kind}.{member}", expected, did_you_mean(member, names))
+        if shared:
+            raise InputError(f"{kind}.{member}", "a kind, for one factor of all", "one member")
+        k = [*names].index(member)
+        return (_member(known, names, k, float(nominal[k])),)
     about_zero = known.about_zero or known is KINDS["rest"]
     none = known.from_none and not nominal.any()
     present = np.arange(len(names)) if about_zero or none else np.flatnonzero(nominal)

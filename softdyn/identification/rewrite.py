@@ -31,6 +31,8 @@ def rewrite_urdf(robot: Robot, values: Mapping[str, Mapping[str, float]]) -> str
             raise InputError(f"values[{kind!r}]", f"one of {', '.join(KINDS)}", repr(members))
         for name, value in members.items():
             number(f"values[{kind!r}][{name!r}]", value)
+        if kind == "force":  # a force of one's own stands in no file
+            continue
         if kind == "mass":
             robot = _scaled(robot, members)
         else:

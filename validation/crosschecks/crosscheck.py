@@ -20,14 +20,19 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.description.robot import NO_FLUID
-from softdyn.dynamics.forces import differences, energy_of
+from softdyn.dynamics.forces import differences, energy_of, total_derivatives, total_force
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.projection import underlying_tree
 from softdyn.dynamics.reduced import rebuild
 from softdyn.exceptions import InputError, SoftdynError
 from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
-from softdyn.validation.crosschecks.result import Check, CrossCheck, StepLadder, TrajectoryRun
+from softdyn.validation.crosschecks.result import (
+    Check,
+    CrossCheck,
+    GivenForce,
+    StepLadder,
+    TrajectoryRun,
+)
 from softdyn.validation.crosschecks.rigged import (
     RIG_SCALES,
     RIG_TOLERANCES,
@@ -65,10 +70,13 @@ SCALES = {
     "trajectory": "1 rad and 1 rad/s",
 }
 QUANTITIES = tuple(SCALES)
-FORCE = "F"  # forces of one's own, or a fluid's, in robots that have some
-GIVEN = "given, not checked; its derivatives and energy against finite differences"
+FORCE = "F"  # forces of one's own, or a fluid's and buoyancy, in robots that have some
+GIVEN = "given, not checked; derivatives against differences, energy against power"
 TOLERANCE_FORCE = 1e-4
-DIFFERENCE = 1e-5  # rad, m; of an energy
+DIFFERENCE = 1e-5  # s, of an energy along a motion
+# Of a force's size. Its central differences have a rounding of 1e-10 of it, and an energy's of
+# 1e-11, so that a force without slope passes. With 1e-3 a slope that is small would pass, too.
+RESOLVED = 1e-5
 SOLVED = {"qdd", "rigged qdd"}  # by M
 INTEGRATED = {"trajectory", "rigged"}
 ROUNDING = 2.0**-52
@@ -170,6 +178,7 @@ def crosscheck(
     report = progress or (lambda _text: None)
     tally = Tally()
     runs: tuple[TrajectoryRun, ...] = ()
+    given: tuple[GivenForce, ...] = ()
     ladders: tuple[StepLadder, ...] = ()
     try:
         states = twin.states if isinstance(twin, Scene) else StateMap(model, twin)
@@ -200,15 +209,15 @@ def crosscheck(
     if model.forces:
         rng = np.random.default_rng((seed, 2))
         with tally.guard(FORCE):
-            errors = [given_error(model, *random_state(model, rng)) for _ in range(samples)]
-            tally.errors[FORCE] = float(np.max(errors))
+            given = given_forces(model, samples, rng)
+            tally.errors[FORCE] = float(np.max([one.worst for one in given]))
     if isinstance(twin, Twin):
         rig = [name for name in quantities_of(model) if trajectories or name != "rigged"]
         runs += _compare_rigs(tally, model, twin, rig, samples, seed, report)
         names += tuple(rig)
     return CrossCheck(
         model.name, model.nv, model.nu, samples, seed,
-        _verdicts(tally, tolerances, names, model), tally.condition, runs, ladders,
+        _verdicts(tally, tolerances, names, model), tally.condition, runs, ladders, given,
     )  # fmt: skip
 
 
@@ -288,34 +297,48 @@ def _tolerances(model: SoftModel) -> dict[str, float]:
     return found
 
 
-def given_error(model: SoftModel, q: np.ndarray, v: np.ndarray) -> float:
-    """The largest relative error of the derivatives and energies that forces of one's own state.
+def given_forces(
+    model: SoftModel, samples: int, rng: np.random.Generator
+) -> tuple[GivenForce, ...]:
+    """The statements of forces of one's own about themselves, at random states.
 
-    The derivatives stand against central differences of the force, and F at rest against minus the
-    gradient of the energy. The force itself is given: the twin calls the same object.
+    The derivatives stand against central differences of the force. Where a force has an energy E,
+    the power of its part at rest stands against the energy's rate: dE/dt = -F(q, 0) · q̇. The force
+    itself is given: the twin calls the same object.
     """
     tree, S = underlying_tree(model)
-    free = rebuild(tree, replace(tree.robot, forces=(), fluid=NO_FLUID))
-    q, v = (q, v) if S is None else (model.expand(q), S @ v)  # type: ignore[attr-defined]
-    found = 0.0
-    for force in model.forces:
-        alone = free.with_forces(force)
-        pairs = list(
-            zip(alone.force_derivatives(q, v), differences(force, free, q, v), strict=True)
-        )
-        if energy_of(force, free, q) is not None:
-            gradient = np.empty(free.nv)
-            for k in range(free.nv):
-                move = np.zeros(free.nv)
-                move[k] = DIFFERENCE
-                ahead, behind = (
-                    energy_of(force, free, free.integrate(q, sign * move)) for sign in (1, -1)
-                )
-                gradient[k] = (ahead - behind) / (2 * DIFFERENCE)  # type: ignore[operator]
-            pairs.append((alone.forces_at(q, np.zeros(free.nv)), -gradient))
-        size = max(1.0, *(float(np.abs(b).max(initial=0.0)) for _, b in pairs))
-        found = max(found, *(relative_error(a, b, size) for a, b in pairs))
-    return found
+    free = tree.unforced
+    errors: dict[str, tuple[list[float], list[float]]] = {f.name: ([], []) for f in model.forces}
+    for _ in range(samples):
+        q, v = random_state(model, rng)
+        q, v = (q, v) if S is None else (model.expand(q), S @ v)  # type: ignore[attr-defined]
+        for force in model.forces:
+            slopes, powers = errors[force.name]
+            slopes.append(_slope_error(force, free, q, v))
+            powers += _power_error(force, free, q, v)
+    return tuple(
+        GivenForce(name, max(slopes), max(powers) if powers else None)
+        for name, (slopes, powers) in errors.items()
+    )
+
+
+def _slope_error(force: Any, free: SoftModel, q: np.ndarray, v: np.ndarray) -> float:
+    """The largest relative error of a force's derivatives."""
+    size = float(np.abs(total_force((force,), free, q, v)).max(initial=0.0))
+    given = total_derivatives((force,), free, q, v)
+    pairs = zip(given, differences(force, free, q, v), strict=True)
+    return max(relative_error(a, b, RESOLVED * size) for a, b in pairs)
+
+
+def _power_error(force: Any, free: SoftModel, q: np.ndarray, v: np.ndarray) -> Iterator[float]:
+    """The relative error of dE/dt + F(q, 0) · q̇ = 0 along the velocity, if there is an energy."""
+    ends = [energy_of(force, free, free.integrate(q, s * DIFFERENCE * v)) for s in (1, -1)]
+    if ends[0] is None or ends[1] is None:
+        return
+    rate = (ends[0] - ends[1]) / (2 * DIFFERENCE)
+    powers = total_force((force,), free, q, np.zeros(free.nv)) * v
+    size = max(float(np.abs(powers).max(initial=0.0)), RESOLVED * abs(ends[0]))
+    yield relative_error(np.array(rate), -powers.sum(), size)
 
 
 def random_state(model: SoftModel, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -365,7 +388,7 @@ def _compare_at(
             "length": (lengths, judge.lengths, length),
             "energy": (energy, judge.energy, weight),
         }
-        if model.robot.fluid and not model.forces:
+        if model.forced and not model.forces:
             pairs[FORCE] = (state.F, judge.F, inertia)
         if judge.nu == model.nu:
             pairs["B"] = (state.B, judge.B, gear * length)

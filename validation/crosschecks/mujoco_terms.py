@@ -133,8 +133,8 @@ class MujocoTerms:
         return gravity
 
     def F(self) -> np.ndarray:
-        """Forces of a fluid (nv,)."""
-        found: np.ndarray = self._map.T @ self._data.qfrc_fluid
+        """Forces of a fluid and of buoyancy (nv,)."""
+        found: np.ndarray = self._map.T @ (self._data.qfrc_fluid + self._data.qfrc_gravcomp)
         return found
 
     def K(self) -> np.ndarray:

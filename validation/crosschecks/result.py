@@ -12,6 +12,9 @@ CHECKS = (
     ("quantity", "quantity", ""), ("max error", "max_error", ".1e"),
     ("tolerance", "tolerance", ".0e"), ("", "verdict", ""), ("relative to at least", "about", ""),
 )  # fmt: skip
+FORCES = (
+    ("force", "name", ""), ("derivatives", "derivatives", ".1e"), ("power balance", "power", ".1e"),
+)  # fmt: skip
 RUNS = (
     ("trajectory", "name", ""), ("scheme", "scheme", ""), ("step s", "step", ".2g"),
     ("length s", "duration", ".3g"), ("error", "max_error", ".1e"), ("", "why", ""),
@@ -54,6 +57,31 @@ class Check:
         if not self.compared:
             return True
         return not self.reason and self.max_error <= self.tolerance  # false for NaN
+
+
+@dataclass(frozen=True)
+class GivenForce:
+    """The statements of a force of one's own about itself; the force is given, not checked.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    derivatives : float
+        Largest relative difference of its derivatives from central differences.
+    power : float or None
+        Largest relative error of the power balance: the rate of its energy is minus the power of
+        the force at rest. None for a force without energy.
+    """
+
+    name: str
+    derivatives: float
+    power: float | None
+
+    @property
+    def worst(self) -> float:
+        """The larger of both."""
+        return max(self.derivatives, self.power or 0.0)
 
 
 @dataclass(frozen=True)
@@ -132,6 +160,8 @@ class CrossCheck:
         The trajectories compared.
     ladders : tuple of StepLadder
         Convergence of the schemes under step halving.
+    forces : tuple of GivenForce
+        The forces of one's own.
     """
 
     robot: str
@@ -143,6 +173,7 @@ class CrossCheck:
     condition: float
     runs: tuple[TrajectoryRun, ...]
     ladders: tuple[StepLadder, ...]
+    forces: tuple[GivenForce, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -185,6 +216,8 @@ class CrossCheck:
             f"{self.samples} random states, seed {self.seed}",
             Table.of(CHECKS, checks).text(),
         ]
+        if self.forces:
+            parts.append(Table.of(FORCES, map(vars, self.forces)).text())
         if self.runs:
             parts.append(Table.of(RUNS, map(vars, self.runs)).text())
         for ladder in self.ladders:

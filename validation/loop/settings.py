@@ -7,7 +7,7 @@ the parser of a command needs neither NumPy nor MuJoCo.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
@@ -339,3 +339,35 @@ def declarations() -> dict[str, RunSetting]:
 def default_of(name: str) -> Any:
     """The default of a setting."""
     return next(part.default for part in fields(RunOptions) if part.name == name)
+
+
+def make_forces(
+    names: Iterable[str], numbers: Mapping[str, Any], find: Callable[[str], Callable[[], Any]]
+) -> list[Any]:
+    """Forces of a user's own, each built as ``CLASS()``.
+
+    Parameters
+    ----------
+    names : iterable of str
+        ``FILE.py:CLASS`` of each.
+    numbers : mapping
+        Numbers of them that are set, by ``NAME.FIELD`` with the name of the force.
+    find : Callable[[str], Callable[[], Any]]
+        Gives the class of each name.
+
+    Raises
+    ------
+    InputError
+        A class that cannot be made, and a number of a force or a field that is not there.
+    """
+    from softdyn.controllers.registry import one_line_errors
+    from softdyn.dynamics.forces import check_forces, with_number
+
+    found = []
+    for name in names:
+        with one_line_errors(name, "a force"):
+            found.append(find(name)())
+    found = [*check_forces(found)]
+    for place, value in numbers.items():
+        found = with_number(found, place, value)
+    return found

@@ -142,8 +142,9 @@ def unsaid(robot: Neutral) -> Iterator[str]:
         known = {"jnt_actfrcrange"} if even[0] == -even[1] else set()  # equal to a URDF effort
         own = {field: value for field, value in part.more.items() if field not in known}
         yield from _unsaid(f"joint {part.name!r}", own)
-        for link, share in part.gravcomp.items():
-            yield f"link {link!r}: body_gravcomp {share:g}"
+        if part.buoyancy is None:
+            for link, share in part.gravcomp.items():
+                yield f"link {link!r}: body_gravcomp {share:g}"
     for tendon in robot.cables:
         yield from _unsaid(f"tendon {tendon.name!r}", tendon.more)
     for motor in (m for m in robot.motors if not m.law):  # the others are left out

@@ -148,7 +148,8 @@ class _Writer:
             self._origin[index] = last.point
         name = self._bodies.new(last.link)
         self._body_of |= dict.fromkeys(joints, name)
-        body = add(parent, "body", name=name, pos=last.point - above)
+        body = add(parent, "body", name=name, pos=last.point - above,
+                   gravcomp=last.buoyancy or None)  # fmt: skip
         for index in joints:
             self._joint(body, index)
         self._inertial(body, joints[-1])

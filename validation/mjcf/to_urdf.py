@@ -104,7 +104,8 @@ def to_urdf(
         link_of[k] = names.new(f"{part.name}_link" if on_joint else part.link)
         com = Origin(_place(source, k, part.inertia.com) if part.inertia.mass else ZERO)
         shown = tuple(looks.get(k, ()))
-        links.append(Link(link_of[k], part.inertia.mass, part.inertia.moments, com, shown))
+        links.append(Link(link_of[k], part.inertia.mass, part.inertia.moments, com, shown,
+                          part.buoyancy or 0.0))  # fmt: skip
         if floating and part.kind == "free":
             continue
         place = Origin(_place(source, part.parent, part.point))

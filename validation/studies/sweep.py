@@ -42,6 +42,7 @@ GAINS = tuple(field.name for field in fields(Gains))
 TARGETS = {name: kind for kind, name in NAMES.items() if kind != "periodic"}
 RUN = "run"  # the group of the keywords of `RunOptions`; those that are tables are groups too
 GROUPS = (RUN, "plant", "rig")
+FORCE = "force"  # the group of the numbers of forces of one's own, ``force.NAME.FIELD``
 SENSORS = "sensors"  # the table of [rig] with a table for each sensor
 NOMINAL = "none"  # the name of the case without a change
 EMPTY = '""'  # an empty text, such as an observer without disturbances, in a table
@@ -72,7 +73,7 @@ def nested(key: str, path: Sequence[str], value: Any) -> dict[str, Any]:
 
 def by_group(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Values of parameters, by their names, as the tables of each group; ``""`` has the others."""
-    groups: dict[str, dict[str, Any]] = {group: {} for group in ("gains", *GROUPS, "")}
+    groups: dict[str, dict[str, Any]] = {group: {} for group in ("gains", *GROUPS, FORCE, "")}
     for name, value in values.items():
         group, key, path = place(name)
         table = groups[group]
@@ -116,6 +117,8 @@ def parameter(case: Case, name: str) -> Any:
     gains = case.parameters or {}
     if group == "gains":
         return gains["horizon"] / gains["eps"] if key == SHARE else gains.get(key)
+    if group == FORCE:
+        return case.force.get(key)
     if group in GROUPS:
         table: Mapping[str, Any] = case.options if group == RUN else case.options.get(group, {})
         value = table.get(key)
@@ -155,13 +158,15 @@ class Sweep:
     figure : str
         The figure that ranks the cases, one of `FIGURES`.
     models : dict of str to SoftModel
-        The robots' analytic models.
+        The robots' analytic models, with the forces as their classes make them.
     annotations : dict of str to str
         Robot → the file of its annotations, if its own file has none.
     trajectories : mapping
         (robot, file or class) → the trajectory of one's own that is a target.
     periodic : bool
         Whether the trajectories of files repeat.
+    forces : tuple of str
+        The forces of one's own that act in every case, ``FILE.py:CLASS``.
     depends : tuple of str
         Files that classes of one's own read.
     equilibria : bool
@@ -208,6 +213,7 @@ class Sweep:
     annotations: dict[str, str]
     trajectories: Mapping[tuple[str, str], Trajectory]
     periodic: bool
+    forces: tuple[str, ...]
     depends: tuple[str, ...]
     equilibria: bool
     shorter_periods: tuple[float, ...]
@@ -391,7 +397,7 @@ class Sweep:
             case = Case(
                 robot, controller, kind, target, resolve_gains(model, controller, gains), options,
                 annotations=self.annotations.get(robot), sample=sample, words="_".join(words),
-                **groups[""],
+                forces=self.forces, force=groups[FORCE], **groups[""],
             )  # fmt: skip
             case.grid(model, self.trajectories.get((robot, target)) if kind in OWN else None)
             if "rig" in options:

@@ -20,11 +20,12 @@ from softdyn import InputError, SoftModel, UrdfError
 from softdyn.checks import did_you_mean, number
 from softdyn.controllers import CONTROLLERS, Gains
 from softdyn.controllers.registry import LAWS, is_own, keys_of, make_controller
+from softdyn.dynamics.forces import with_number
 from softdyn.exceptions import errors_in
 from softdyn.files import read_toml
 from softdyn.toml_table import TomlTable
 from softdyn.validation.loop.closed_loop import ClosedLoop
-from softdyn.validation.loop.settings import RunOptions, declarations
+from softdyn.validation.loop.settings import RunOptions, declarations, make_forces
 from softdyn.validation.loop.trajectories import Trajectory
 from softdyn.validation.studies.axes import DRAWN, MAX_CASES, Axis, AxisReader, Check, flat, plain
 from softdyn.validation.studies.engine import sources, worker
@@ -33,6 +34,7 @@ from softdyn.validation.studies.experiments import within_reach
 from softdyn.validation.studies.paper_table import MERITS, SPREADS, TARGET, labelled
 from softdyn.validation.studies.sweep import (
     FIGURES,
+    FORCE,
     GAINS,
     GROUPS,
     NOMINAL,
@@ -46,9 +48,9 @@ from softdyn.validation.studies.sweep import (
 )
 from softdyn.validation.twin.plant_errors import BY_JOINT, EACH
 
-PARAMETERS = ("gains", *GROUPS, "ellipse_scale")
+PARAMETERS = ("gains", *GROUPS, FORCE, "ellipse_scale")
 KEYS = (
-    "robots", "controllers", "annotations", "targets", "depends", *PARAMETERS,
+    "robots", "controllers", "annotations", "targets", "forces", "depends", *PARAMETERS,
     "shorter_periods", "changes", "samples", "logs", "figure", "rows", "columns", "figures",
     "spread", "labels", "means", "must_not_fail",
     "statics_beyond_cm",
@@ -74,9 +76,10 @@ def read_sweep(name: str | Path, instead: Mapping[str, Any] | None = None) -> Sw
         A file, or the name of a shipped sweep if no such file exists. Relative paths in a file are
         relative to it.
     instead : mapping, optional
-        Values that replace the file's: lists of `robots` and `controllers`, `period` (s), and for a
-        single robot the file of its `annotations` and a table of `gains`. Paths in it are relative
-        to the current folder; None keeps the file's value.
+        Values that replace the file's: lists of `robots`, `controllers` and `forces`, `period` (s),
+        numbers of forces, `force`, by ``NAME.FIELD``, and for a single robot the file of its
+        `annotations` and a table of `gains`. Paths in it are relative to the current folder; None
+        keeps the file's value.
 
     Raises
     ------
@@ -226,6 +229,16 @@ def short(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+def _with_numbers(table: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables of forces by name, with numbers by ``NAME.FIELD`` in the place of theirs."""
+    found = dict(table)
+    for at, value in numbers.items():
+        name, _, key = at.rpartition(".")
+        own = found.get(name)
+        found[name] = {**(own if isinstance(own, Mapping) else {}), key: value}
+    return found
+
+
 def idle(*_: Any) -> Any:
     """A controller in the loops that are only built."""
 
@@ -250,11 +263,14 @@ class _Reader:
         self.gains: list[str] | None = None  # a user's controller may have any gains
         self.robots: tuple[str, ...] = ()
         self.controllers: tuple[str, ...] = ()
+        self.forces: list[Any] = []
 
     def sweep(self) -> Sweep:
         """The sweep of the file."""
         top, count = self.top, self.axis.count
-        models = self.read_robots()
+        models, forces = self.read_robots(), self.read_forces()
+        if forces:
+            models = {name: model.with_forces(*self.forces) for name, model in models.items()}
         self.robots = tuple(models)
         controllers = self.read_controllers()
         equilibria, targets = self.read_targets()
@@ -280,8 +296,8 @@ class _Reader:
         return Sweep(
             Path(self.path), self.folder, tuple(models), controllers, tuple(targets), tuple(axes),
             count, self.axis.seed, top.flag("logs"), self.read_figure(targets, axes), models,
-            self.overlays(), trajectories, periodic, depends, equilibria, periods, changes, rows,
-            columns, figures, top.choice("spread", {name: name for name in SPREADS}, "std"),
+            self.overlays(), trajectories, periodic, forces, depends, equilibria, periods, changes,
+            rows, columns, figures, top.choice("spread", {name: name for name in SPREADS}, "std"),
             {} if labels is None else {k: labels.text(k) for k in labels.values},
             top.flag("means"), beyond[0] if beyond else math.inf,
             top.names("must_not_fail", (), changes), self.said.get("gains", {}), own_gains,
@@ -295,7 +311,7 @@ class _Reader:
     def replaced(self, table: dict[str, Any]) -> TomlTable:
         """The table, with values of the caller in the place of the file's."""
         said, top = self.said, TomlTable(table, self.path)
-        for key in {"robots", "controllers"} & set(said):
+        for key in {"robots", "controllers", "forces"} & set(said):
             table[key] = [self.beside(name) for name in said[key]]
         if "robots" in said:
             table.pop("annotations", None)
@@ -313,6 +329,9 @@ class _Reader:
             gains = top.table("gains")
             if gains is not None:
                 table["gains"] = {k: v for k, v in gains.values.items() if k not in named}
+        if said.get("force"):
+            every = top.table(FORCE)
+            table[FORCE] = _with_numbers({} if every is None else every.values, said["force"])
         if "period" in said:
             run = top.table(RUN)
             table[RUN] = {**(run.values if run is not None else {}), "period": said["period"]}
@@ -403,6 +422,16 @@ class _Reader:
                     found[robot, text] = within_reach(model, source, periodic=repeats)
         return periodic, found
 
+    def read_forces(self) -> tuple[str, ...]:
+        """The classes of forces of one's own; the objects are then `self.forces`."""
+        found = self.top.names("forces", ())
+        for name in found:
+            if not is_own(name):
+                raise self.top.error("forces", "FILE.py:CLASS", repr(name))
+        with errors_in(f"{self.path}: forces"), redirect_stdout(sys.stderr):
+            self.forces = make_forces(found, {}, partial(sources.class_at, folder=self.folder))
+        return found
+
     def read_depends(self) -> tuple[str, ...]:
         """The files that classes of one's own read."""
         found = self.top.names("depends", ())
@@ -456,7 +485,7 @@ class _Reader:
 
     def parameters(self, table: TomlTable) -> Iterator[tuple[str, Any]]:
         """Name and values of each parameter in a table, but not of gains of one controller."""
-        for group in ("gains", *GROUPS):
+        for group in ("gains", *GROUPS, FORCE):
             below = table.table(group)
             if below is None:
                 continue
@@ -488,7 +517,14 @@ class _Reader:
         group, key, _ = place(name)
         if group == "gains":
             return partial(gain, key)
+        if group == FORCE:
+            return partial(self.force_number, key)
         return partial(option, name) if group else positive
+
+    def force_number(self, key: str, value: Any) -> float:
+        """The value of a number of a force, by ``NAME.FIELD``."""
+        with_number(self.forces, key, value)
+        return float(value)
 
     def differs(self, value: Any, change: bool) -> bool:
         """Whether a value is a table with a value for each robot; in a change also for others."""

@@ -84,12 +84,14 @@ def _specify(robot: Robot, tree: Tree, timestep: float | None) -> mujoco.MjSpec:
     spec = mujoco.MjSpec()
     spec.modelname = robot.name
 
+    shares = {tree.place[link.name][0]: link.gravcomp for link in robot.buoyant}
     bodies = [spec.worldbody]
     joints = {joint.name: joint for joint in robot.joints}
     for index, body in enumerate(tree.bodies):
         if body.joint is not None:
             name = body_name(robot, body.link)
             bodies.append(_add_body(bodies[body.parent or STATIC], body, name))
+            bodies[index].gravcomp = shares.get(index, 0.0)
             if body.joint.kind == "free":
                 bodies[index].add_freejoint().name = body.joint.name
             else:

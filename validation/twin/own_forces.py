@@ -65,7 +65,7 @@ class OwnForces:
         self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, states: StateMap
     ) -> None:
         self._model, self._data, self._states = model, data, states
-        self._scratch, self._robot = mujoco.MjData(model), build(robot)
+        self._scratch, self._robot = mujoco.MjData(model), build(robot.dry)
         self.scheme = model.opt.integrator
         self.forget()
         self._slopes = all(hasattr(force, "derivatives") for force in robot.forces)

@@ -142,13 +142,14 @@ def altered_robot(errors: PlantErrors, robot: Robot) -> Robot:
     for link in robot.links:
         factor = masses.get(moved_by.get(carrier[link.name], ""), weight)
         moments = tuple(factor * moment for moment in link.moments)
+        volume = link.mass * link.gravcomp  # other masses displace no more
         link = replace(link, mass=factor * link.mass, moments=moments)
         if errors.payload and link.name == robot.task:
             body = link.inertia + load
             x, y, z = body.com.tolist()
             about = Origin((x, y, z))
             link = replace(link, mass=body.mass, moments=body.moments, origin=about)
-        links.append(link)
+        links.append(replace(link, gravcomp=volume / link.mass) if volume else link)
     return replace(
         robot,
         links=tuple(links),

@@ -11,6 +11,7 @@ import numpy as np
 from softdyn.actuation.capstan import Capstan
 from softdyn.description.robot import Robot, Wrap
 from softdyn.dynamics.derivatives import mass_columns
+from softdyn.dynamics.forces import number_names, with_number
 from softdyn.dynamics.model import SoftModel, State, taut_gains
 from softdyn.dynamics.tree import tree_of
 from softdyn.identification.markers.camera import CAMERA
@@ -168,6 +169,22 @@ def _with_radii(robot: Robot, values: dict[str, float]) -> Robot:
     return replace(robot, tendons=tendons)
 
 
+def _force_numbers(model: SoftModel) -> dict[str, float]:
+    """The numbers of the forces of one's own, by NAME.FIELD."""
+    return {
+        f"{force.name}.{field}": float(getattr(force, field))
+        for force in model.forces
+        for field in number_names(force)
+    }
+
+
+def _with_force_numbers(robot: Robot, values: dict[str, float]) -> Robot:
+    forces = [*robot.forces]
+    for place, value in values.items():
+        forces = with_number(forces, place, value)
+    return replace(robot, forces=tuple(forces))
+
+
 def _joints(model: SoftModel) -> Sequence[str]:
     return model.joint_names
 
@@ -320,6 +337,10 @@ KINDS = {
              lambda model: np.array([wrap.radius for wrap in _wraps(model.robot).values()]),
              lambda sample: np.zeros((len(sample.a), len(_wraps(sample.state.model.robot)))),
              _with_radii, rebuilds=True),
+        Kind("force", "", lambda model: list(_force_numbers(model)),
+             lambda model: np.array([*_force_numbers(model).values()]),
+             lambda sample: np.zeros((len(sample.a), len(_force_numbers(sample.state.model)))),
+             _with_force_numbers, -np.inf, rebuilds=True, from_none=True),
         CABLE_FRICTION,
         INPUT_LOSS,
         SENSOR_BIAS,

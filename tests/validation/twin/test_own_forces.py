@@ -169,9 +169,14 @@ def test_the_crosscheck_takes_it_as_given_and_holds_derivatives_against_differen
         assert found.passed, str(found)
         (check,) = (one for one in found.checks if one.quantity == "F")
         assert "given" in check.scale
-    wrong = softdyn.load("finger").with_forces(Spring(2.0, wrong=1.01))
-    found = crosscheck(wrong, samples=2, trajectories=False)
-    assert [one.quantity for one in found.checks if not one.passed] == ["F"]
+    for size in (2.0, 2e-7):  # the least force of a pair is judged by its own size
+        wrong = softdyn.load("finger").with_forces(Spring(size, wrong=1.01), Drag())
+        found = crosscheck(wrong, samples=2, trajectories=False)
+        assert [one.quantity for one in found.checks if not one.passed] == ["F"]
+        spring, drag = found.forces
+        assert spring.derivatives < 1e-8
+        assert spring.power == pytest.approx(0.01, rel=0.02)
+        assert drag.power is None
     plain = crosscheck(softdyn.load("finger"), samples=1, trajectories=False)
     assert "F" not in {one.quantity for one in plain.checks}
 

@@ -54,6 +54,9 @@ def from_urdf(robot: Robot) -> Neutral:
             piece = link.inertia.moved(pose.rotation, pose.translation)
             mates = pieces.get(carrier[link.name], ())
             pieces[carrier[link.name]] = (*mates, (link.name, piece))
+    shares: dict[str, dict[str, float]] = {}
+    for link in robot.buoyant:
+        shares.setdefault(carrier[link.name], {})[link.name] = link.gravcomp
     efforts = _efforts(robot)
     parts: list[Part] = []
     index = {robot.root: WORLD}
@@ -61,7 +64,9 @@ def from_urdf(robot: Robot) -> Neutral:
         index[robot.root] = 0
         zero = np.zeros(3)
         own = pieces.get(robot.root, ())
-        parts.append(Part(FREE, robot.root, "free", WORLD, zero, zero, own, Transform()))
+        lifted = shares.get(robot.root, {})
+        parts.append(Part(FREE, robot.root, "free", WORLD, zero, zero, own, Transform(),
+            gravcomp=lifted))  # fmt: skip
     walked: list[str] = []
     lumped: dict[str, list[str]] = {}  # carrier → links that its joints move
     front = [robot.root]
@@ -82,7 +87,7 @@ def from_urdf(robot: Robot) -> Neutral:
                 pose.rotation @ joint.axis, pose.translation, pieces.get(name, ()), pose,
                 joint.lower, joint.upper, efforts.get(joint.name, math.inf),
                 joint.armature, joint.damping, joint.friction, joint.stiffness, joint.rest,
-                joint.stiffness_poly, joint.damping_poly,
+                joint.stiffness_poly, joint.damping_poly, shares.get(name, {}),
             )
         )  # fmt: skip
         walked.append(joint.name)

@@ -86,6 +86,12 @@ class Part:
         return sum((piece for _, piece in self.pieces), Inertia.zero())
 
     @property
+    def buoyancy(self) -> float | None:
+        """The share of the body's weight that is compensated; None if its pieces differ in it."""
+        shares = {self.gravcomp.get(name, 0.0) for name, piece in self.pieces if piece.mass}
+        return None if len(shares) > 1 else (shares or {0.0}).pop()
+
+    @property
     def uplift(self) -> np.ndarray:
         """The mass with compensated weight, and its first moment (4,)."""
         share = ((self.gravcomp.get(name, 0.0), piece) for name, piece in self.pieces)

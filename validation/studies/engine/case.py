@@ -78,6 +78,10 @@ class Case:
         included, as in the reference implementation.
     annotations : str, optional
         A file with the robot's ``<softdyn>`` block, if the robot's own file has none.
+    forces : tuple of str
+        Forces of one's own that act on the robot, ``FILE.py:CLASS``.
+    force : mapping
+        Those of their numbers that are not the class's, by ``NAME.FIELD``.
     sample : int, optional
         Number of the random sample with these parameters.
     words : str
@@ -99,6 +103,8 @@ class Case:
     around: Callable[[Any], Any] | None = None
     reference_sampling: bool = False
     annotations: str | None = None
+    forces: tuple[str, ...] = ()
+    force: Mapping[str, float] = field(default_factory=dict)
     sample: int | None = None
     words: str = field(default="", compare=False)
 
@@ -130,6 +136,7 @@ class Case:
             "robot": self.robot, "controller": self.controller,
             "kind": self.kind if self.kind in OWN else NAMES[self.kind],
             "target": self.value, "gains": self.parameters, "options": self.options,
+            "forces": self.forces, "force": self.force,
             "ellipse_scale": self.ellipse_scale, "sample": self.sample,
         }  # fmt: skip
 

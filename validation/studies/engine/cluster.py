@@ -92,7 +92,13 @@ def _contents(client: Any, order: list[CaseJob]) -> Any:
     files = {
         s
         for job in order
-        for s in (job.robot, job.controller, job.trajectory, *dict(job.options).values())
+        for s in (
+            job.robot,
+            job.controller,
+            job.trajectory,
+            *job.forces,
+            *dict(job.options).values(),
+        )
         if s is not None
     }
     found = {part for source in files for part in source.parts}

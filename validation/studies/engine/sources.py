@@ -22,7 +22,7 @@ from softdyn.description.library import bundled_names, find
 from softdyn.files import read_toml
 from softdyn.safety import Surroundings
 from softdyn.validation.inputs import files_read, imported
-from softdyn.validation.loop.settings import MODEL
+from softdyn.validation.loop.settings import MODEL, make_forces
 from softdyn.validation.loop.trajectories import Trajectory, read_trajectory
 from softdyn.validation.studies.engine.fingerprint import digest, has_digest
 
@@ -146,11 +146,26 @@ def _of_own(text: str, folder: Path, depends: Sequence[str]) -> Source:
     return Source.of(text, [path, *beside], own=True)
 
 
+def of_force(text: str, folder: Path = Path(), depends: Sequence[str] = ()) -> Source:
+    """Source of a force of one's own, FILE.py:CLASS, relative to `folder`."""
+    return _of_own(text, folder, depends)
+
+
 def of_trajectory(text: str, folder: Path = Path(), depends: Sequence[str] = ()) -> Source:
     """Source of a trajectory: a CSV file or a class, relative to `folder`."""
     if is_own(text):
         return _of_own(text, folder, depends)
     return Source.of(text, [folder / text], own=True)
+
+
+def forced(
+    model: SoftModel,
+    names: Sequence[str],
+    numbers: Mapping[str, float],
+    find: Callable[[str], Callable[[], Any]],
+) -> SoftModel:
+    """A model with forces of one's own; see `make_forces`."""
+    return model.with_forces(*make_forces(names, numbers, find)) if names else model
 
 
 def is_file(name: str, value: str) -> bool:

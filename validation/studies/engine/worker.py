@@ -44,6 +44,8 @@ class CaseJob:
         Path of its files below a store's folder, without a suffix.
     robot, controller, trajectory : Source
         Their files; None for a controller of the package, and without a trajectory of one's own.
+    forces : tuple of Source
+        The files of its forces.
     options : tuple of (str, Source)
         The files that the case's options name.
     simulated : float
@@ -62,6 +64,7 @@ class CaseJob:
     robot: Source
     controller: Source | None
     trajectory: Source | None
+    forces: tuple[Source, ...]
     options: tuple[tuple[str, Source], ...]
     simulated: float
     cost: float
@@ -130,6 +133,9 @@ def jobs_of(
     paths = dict.fromkeys(case.value for case in cases if case.kind in cases_.OWN)
     trajectories = {text: sources.of_trajectory(text, folder, depends) for text in paths}
 
+    names_of_forces = dict.fromkeys(name for case in cases for name in case.forces)
+    forces = {name: sources.of_force(name, folder, depends) for name in names_of_forces}
+
     asked_files = dict.fromkeys(pair for case in cases for pair in files_of(case))
     named = {pair: sources.of_option(*pair, folder, depends) for pair in asked_files}
 
@@ -141,7 +147,8 @@ def jobs_of(
 
     def of_run(case: Case, model: SoftModel) -> Case:
         """The case, or the one of another controller that has the same run."""
-        if case.controller != Best.name or case.kind != "tracking" or case.law or case.target:
+        other = case.law or case.target or case.forces
+        if case.controller != Best.name or case.kind != "tracking" or other:
             return case
         key = repr((case.robot, case.annotations, case.parameters))
         if key not in same:
@@ -158,16 +165,17 @@ def jobs_of(
         files += [source.files] if source else []
         options = tuple((key, named[key, text]) for key, text in files_of(case))
         files += [one.files for _, one in options]
+        own_forces = tuple(forces[one] for one in case.forces)
+        files += [one.files for one in own_forces]
         parts = (files, controller and controller.files, setups.setup_of(model))
         mark = fingerprint.fingerprint(of_run(case, model), *parts)
         path = path_of((case.robot, case.annotations), case.kind, case.value) if source else None
         grid = case.grid(model, path)
         cost = grid.duration / grid.period * (10 + model.nv)
-        found.append(
-            CaseJob(
-                case, name, robot, controller, source, options, grid.duration, cost, mark, code, log
-            )
-        )
+        found.append(CaseJob(
+            case, name, robot, controller, source, own_forces, options, grid.duration, cost, mark,
+            code, log,
+        ))  # fmt: skip
     return found
 
 
@@ -223,7 +231,9 @@ def _prepare(job: CaseJob, contents: Mapping[str, bytes]) -> Callable[[], Log]:
     if job.code != fingerprint.code():
         raise NotHere("this worker has another softdyn, or another version of an engine")
     case, source = job.case, job.controller
-    model = sources.model_of(job.robot, contents)
+    classes = {one.text: sources.class_of(one, contents) for one in job.forces}
+    bare = sources.model_of(job.robot, contents)
+    model = sources.forced(bare, case.forces, case.force, classes.__getitem__)
     if case.law is None:
         cls = sources.class_of(source, contents) if source else find_controller(case.controller)
         make = partial(make_controller, case.controller, model, case.parameters, cls)
