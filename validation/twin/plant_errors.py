@@ -101,6 +101,7 @@ class PlantErrors:
             model.body_inertia[:] *= bodies[:, None]
             model.jnt_stiffness[:] *= springs
             model.jnt_stiffnesspoly[:] *= springs[:, None]
+            twin.memory.scale(springs)
             model.tendon_stiffness[:] *= stiffness
             model.tendon_stiffnesspoly[:] *= stiffness
             model.dof_damping[:] *= dampers[model.dof_jntid]
@@ -156,6 +157,9 @@ def altered_robot(errors: PlantErrors, robot: Robot) -> Robot:
             replace(
                 joint, stiffness=springs.get(joint.name, stiffness) * joint.stiffness,
                 damping=dampers.get(joint.name, damping) * joint.damping,
+                relaxation=tuple(
+                    (springs.get(joint.name, stiffness) * k, time) for k, time in joint.relaxation
+                ),
             )
             for joint in robot.joints
         ),
