@@ -118,14 +118,15 @@ class TomlTable:
             return self._default(name, kind, default)
         return self._numbers(*found, "a list of numbers")
 
-    def pairs(self, name: str) -> tuple[tuple[float, ...], ...]:
+    def pairs(self, name: str) -> tuple[tuple[float, float], ...]:
         """A list of pairs of numbers, as tuples; none if the key is missing."""
         expected = "a list of pairs of numbers"
         value = self._typed(name, list, expected, [])
         for one in value:
             if not isinstance(one, list) or len(one) != 2:
                 raise self.error(name, expected, repr(one))
-        return tuple(tuple(self._number(name, part, 1.0) for part in one) for one in value)
+        read = self._number
+        return tuple((read(name, one, 1.0), read(name, other, 1.0)) for one, other in value)
 
     def count(self, name: str, default: Any = REQUIRED, least: int = 1, most: int = 1000) -> Any:
         """A whole number."""
