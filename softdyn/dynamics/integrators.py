@@ -5,8 +5,8 @@ velocities is D_u = -B ∂u/∂q̇, and the force p of the stops at its end, its
 
     (M + h (D + D_u)) (v⁺ - v) = h (B u - h(q, v) + p),    q⁺ = q ⊕ h v⁺.
 
-With forces of one's own D is D - ∂F/∂q̇. The torques z of Maxwell branches (`relaxation`) are those at
-the step's begin; then they follow q⁺.
+With forces of one's own D is D - ∂F/∂q̇. The torques z of Maxwell branches (`relaxation`) are those
+at the step's begin; then they follow q⁺.
 """
 
 from __future__ import annotations

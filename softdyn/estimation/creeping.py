@@ -1,8 +1,8 @@
 """The torques z of Maxwell branches in a filter: known dynamics, driven by the joints' motion.
 
-A branch's torque is a disturbance of the balance, r = … + z. Over a step T, with the joint's rate v⁺
-of the backward Euler step, z⁺ = e^(-T/τ) z + γ T v⁺, γ as in `softdyn.dynamics.relaxation`. The step
-solves r with z⁺, so that stiff branches do not limit it, and
+A branch's torque is a disturbance of the balance, r = … + z. Over a backward Euler step T with the
+joint's rate v⁺, z⁺ = e^(-T/τ) z + γ T v⁺, where γ is `Branches.gain`. The step solves r with z⁺, so
+that stiff branches do not limit it, and
 
     ∂r/∂v⁺ += γ T,   ∂r/∂z = e^(-T/τ).
 """

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import softdyn
@@ -14,9 +15,9 @@ from softdyn import InputError, UrdfError, design
 from softdyn.description.urdf import parse_text
 from softdyn.description.urdf_writer import write
 from softdyn.dynamics.mimic import build
-from softdyn.dynamics.relaxation import Branches
+from softdyn.dynamics.relaxation import Branches, without_branches
 from softdyn.statics.suspicious_values import fast_springs
-from softdyn.validation import Twin, compare, crosscheck
+from softdyn.validation import PlantErrors, Twin, compare, crosscheck
 from tests.support.command import command
 from tests.support.micro import GRIPPER
 
@@ -91,6 +92,25 @@ def test_a_step_of_torque_on_one_joint_converges(scheme, order, most) -> None:
         worst.append(max(errors))
     assert worst[1] < most
     assert worst[0] / worst[1] == pytest.approx(2**order, rel=0.1)
+
+
+def test_hysteresis_follows_dahl_s_equation() -> None:
+    width, largest = 0.1, 9.0
+    twin = PlantErrors(hysteresis=width).twin(build(without_branches(one_joint()).robot))
+    limit, path = width * largest / 2, [0.0, 2.0, -2.0, 0.1, -0.3, 2.0]
+    z, found, exact = 0.0, [], []
+    for before, after in pairwise(path):
+        sign = np.sign(after - before)
+        slope = lambda q, z, s=sign: SPRING * (1 - s * z / limit)  # noqa: E731
+        z = solve_ivp(slope, (before, after), [z], rtol=1e-10, atol=1e-12).y[0, -1]
+        for a, b in pairwise(np.linspace(before, after, 8)):
+            twin.memory.follow(np.array([a]), np.array([b]))
+        found.append(twin.memory.torque[0])
+        exact.append(z)
+    assert found == pytest.approx(exact, abs=1e-8)
+    assert found[0] == pytest.approx(limit, rel=1e-3)
+    with pytest.raises(InputError):
+        PlantErrors(hysteresis=-0.1)
 
 
 def test_rest_state_and_export_are_those_of_the_relaxed_spring(tmp_path) -> None:

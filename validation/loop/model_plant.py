@@ -309,6 +309,7 @@ def model_plant(
         ("rig: plant.contacts", errors.contacts),
         ("rig: plant.friction, plant.dry_friction", errors.rubs),
         ("rig: plant.soft_stops", errors.soft_stops),
+        ("rig: plant.hysteresis", errors.hysteresis),
     ):  # fmt: skip
         if given:
             raise InputError(name, f"none, because {_NO}", given)

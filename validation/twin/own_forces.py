@@ -57,8 +57,6 @@ class OwnForces:
     ----------
     scheme : int
         MuJoCo's integrator.
-    staged : bool
-        Whether a step moves the torques of the branches too.
 
     Raises
     ------
@@ -76,11 +74,15 @@ class OwnForces:
         self.scheme = model.opt.integrator
         self.forget()
         self._slopes = all(hasattr(force, "derivatives") for force in robot.forces)
-        self.staged = bool(self.scheme == Integrator.RK4.mujoco)
         if self.staged and (model.na or model.actuator_delay.any()):
             what = "forces of one's own" if robot.forces else "relaxation"
             expected = f"implicitfast with {what} and motors that lag"
             raise InputError("integrator", expected, "rk4")
+
+    @property
+    def staged(self) -> bool:
+        """Whether a step has four stages, which move the torques of the branches too."""
+        return bool(self.scheme == Integrator.RK4.mujoco)
 
     def forget(self) -> None:
         """The next `check_step` checks."""
