@@ -79,7 +79,8 @@ SECTION = design.Section(0.2, 0.01, RUBBER)
 CABLE = design.Cable(0.0, 0.006, False, 5.0)
 ARM = design.Arm((SECTION,), cables=(CABLE,))
 DESIGN = [
-    (design.Material, {"youngs_modulus": 1e6, "poissons_ratio": 0.4, "density": 1000.0}),
+    (design.Material, {"youngs_modulus": 1e6, "poissons_ratio": 0.4, "density": 1000.0,
+                       "relaxation": (), "modulus": ""}),
     (design.Damping, {"ratio": 0.1}),
     (design.Plate, {"radius": 0.01, "thickness": 0.01, "mass": 0.01}),
     (design.Payload, {"radius": 0.01, "ahead": 0.01, "mass": 0.01}),

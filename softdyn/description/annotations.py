@@ -19,6 +19,7 @@ from softdyn.description.rig_block import (
     read_sensor,
 )
 from softdyn.description.robot import (
+    MOST_BRANCHES,
     MOST_FRICTION,
     NO_FLUID,
     Fluid,
@@ -41,6 +42,7 @@ from softdyn.description.strict_xml import Element
 BLOCK, VERSION = "softdyn", "1"
 CHILDREN = ("link", "joint", "tendon", "actuator", "sensor", "task", "fluid")
 CURVES = ("stiffness_poly", "damping_poly")
+SPRINGS = (*CURVES, "relaxation")
 TENDON = ("stiffness", "damping", "rest", "slack", "friction", "driven", "armature", *CURVES)
 ENDS = tuple(end.value for end in PathEnd)
 COINCIDENT = 1e-9  # metres between two sites that count as one point
@@ -147,15 +149,30 @@ def _buoyant(element: Element, links: dict[str, Link]) -> Link:
 
 
 def _armature(element: Element, joints: dict[str, Joint]) -> Joint:
-    element.allow("name", "armature", *CURVES)
+    element.allow("name", "armature", *SPRINGS)
     joint = moving_joint(element, joints)
     spring, damper = _curves(element, joint)
     joint = replace(
-        joint, armature=element.non_negative("armature"), stiffness_poly=spring, damping_poly=damper
+        joint,
+        armature=element.non_negative("armature"),
+        stiffness_poly=spring,
+        damping_poly=damper,
+        relaxation=_branches(element, joint),
     )
     if any(joint.stiffness_poly):
         check_position(element, joint, SPRING)
     return joint
+
+
+def _branches(element: Element, given: Joint) -> tuple[Pair, ...]:
+    """Stiffness and time of each Maxwell branch of a joint; by default those given."""
+    values = element.numbers("relaxation", 2 * MOST_BRANCHES)
+    if not values:
+        return given.relaxation
+    if len(values) % 2 or min(values) <= 0:
+        got = repr(element.node.get("relaxation"))
+        raise element.error("a stiffness and a time > 0 of each branch as relaxation", got)
+    return tuple(zip(values[::2], values[1::2], strict=True))
 
 
 def _curves(element: Element, given: Joint | Tendon) -> tuple[Pair, Pair]:
@@ -168,7 +185,7 @@ def _curves(element: Element, given: Joint | Tendon) -> tuple[Pair, Pair]:
 
 def _compliance(element: Element, joints: dict[str, Joint]) -> Joint:
     """A joint of an overlay: an attribute that is not given keeps the URDF's value."""
-    element.allow("name", "armature", "stiffness", "damping", "rest", *CURVES)
+    element.allow("name", "armature", "stiffness", "damping", "rest", *SPRINGS)
     joint = moving_joint(element, joints)
     spring, damper = _curves(element, joint)
     joint = replace(
@@ -179,6 +196,7 @@ def _compliance(element: Element, joints: dict[str, Joint]) -> Joint:
         rest=element.number("rest", joint.rest),
         stiffness_poly=spring,
         damping_poly=damper,
+        relaxation=_branches(element, joint),
     )
     if joint.stiffness > 0 or any(joint.stiffness_poly):
         check_position(element, joint, SPRING)

@@ -25,6 +25,7 @@ from softdyn.description.stated_task import StatedTask
 
 EARTH: Vector = (0.0, 0.0, -9.81)  # m/s²
 MOVING = ("revolute", "continuous", "prismatic")
+MOST_BRANCHES = 3  # Maxwell branches of a joint: a measured decay tells no more apart
 MOST_FRICTION = 10.0  # a larger coefficient of a cable leaves no pull behind a guide
 
 
@@ -81,7 +82,8 @@ class Joint:
     joint has no ``<limit>``. A joint with a `mimic` follows another joint: it is no degree of
     freedom of its own, and its limits are not used. `stiffness_poly` and `damping_poly` are the
     further coefficients of a spring and a damper that are not linear: see
-    `softdyn.dynamics.curves`.
+    `softdyn.dynamics.curves`. `relaxation` has the stiffness (N m/rad, N/m) and the time (s) of
+    each Maxwell branch beside the spring: see `softdyn.dynamics.relaxation`.
     """
 
     name: str
@@ -102,6 +104,7 @@ class Joint:
     mimic: Mimic | None = None
     stiffness_poly: Pair = (0.0, 0.0)
     damping_poly: Pair = (0.0, 0.0)
+    relaxation: tuple[Pair, ...] = ()
 
     @property
     def moves(self) -> bool:
@@ -434,6 +437,8 @@ class Robot:
             parts += (self.fluid,)
         if self.buoyant:
             parts += (("gravcomp", [(one.name, one.gravcomp) for one in self.buoyant]),)
+        if creeping := [(j.name, j.relaxation) for j in self.joints if j.relaxation]:
+            parts += (creeping,)
         if self.forces:
             parts += ([content(force) for force in self.forces],)
         return hashlib.sha256(repr(parts).encode()).hexdigest()

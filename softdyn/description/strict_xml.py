@@ -127,6 +127,15 @@ class Element:
         one, other = (self.to_number(word, attribute) for word in words)
         return one, other
 
+    def numbers(self, attribute: str, most: int) -> tuple[float, ...]:
+        """At most `most` finite numbers in an attribute; none without it."""
+        if self.node.get(attribute) is None:
+            return ()
+        words = self._words(attribute)
+        if len(words) > most:
+            raise self.error(f"at most {most} numbers as {attribute}", len(words))
+        return tuple(self.to_number(word, attribute) for word in words)
+
     def components(self, attribute: str, size: int, default: float = 0.0) -> tuple[float, ...]:
         """One finite number, or `size` of them."""
         if self.node.get(attribute) is None:

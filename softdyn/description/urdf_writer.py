@@ -140,13 +140,19 @@ def _curves(part: Joint | Tendon) -> dict[str, Any]:
     }
 
 
+def _branches(joint: Joint) -> dict[str, Any]:
+    """The attribute of a joint's Maxwell branches."""
+    numbers = [number for branch in joint.relaxation for number in branch]
+    return {"relaxation": numbers or None}
+
+
 def _block(robot: Robot) -> list[str]:
     """The ``<softdyn>`` block: armatures, tendons, the rig, the tasks."""
     lines = [tag("link", name=one.name, gravcomp=one.gravcomp) for one in robot.buoyant]
     lines += [
-        tag("joint", name=j.name, armature=j.armature or None, **_curves(j))
+        tag("joint", name=j.name, armature=j.armature or None, **_curves(j), **_branches(j))
         for j in robot.joints
-        if j.armature or any(_curves(j).values())
+        if j.armature or any(_curves(j).values()) or j.relaxation
     ]
     for tendon in robot.tendons:
         path = [_path_element(part) for part in tendon.path]

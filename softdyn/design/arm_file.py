@@ -122,6 +122,7 @@ def _joint(spring: Spring) -> Joint:
         spring.name, "revolute" if spring.freedom.turns else "prismatic",
         direction=vector(spring.freedom.axis), lower=-reach, upper=reach,
         stiffness=spring.stiffness, rest=spring.rest, damping=spring.damping,
+        relaxation=spring.relaxation,
     )  # fmt: skip
 
 

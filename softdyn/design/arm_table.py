@@ -139,6 +139,8 @@ def _material(table: TomlTable | None, default: Material | None) -> Material | N
             table.number("youngs_modulus", "modulus"),
             table.number("poissons_ratio", "none", 0.49),
             table.number("density", "density", 1070.0),
+            table.pairs("relaxation"),
+            table.text("modulus", ""),
         )
     table.rest()
     return material

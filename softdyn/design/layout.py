@@ -73,6 +73,8 @@ class Spring:
         Rest position (rad or m).
     strain : str
         The name of its freedom.
+    relaxation : tuple of (float, float)
+        Stiffness and time (s) of each Maxwell branch.
     """
 
     name: str
@@ -84,6 +86,7 @@ class Spring:
     damping: float
     rest: float
     strain: str
+    relaxation: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +219,8 @@ def _springs(
         stiffness = freedom.rigidity(section, at) / share
         rest = section.rest.get(name, 0.0) * share
         joint = f"{name}_{count}"
-        found.append(Spring(joint, freedom, index, at, share, stiffness, 0.0, rest, name))
+        branches = section.material.branches(stiffness)
+        found.append(Spring(joint, freedom, index, at, share, stiffness, 0.0, rest, name, branches))
     return tuple(found if count % 2 else reversed(found))
 
 

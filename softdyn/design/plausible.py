@@ -117,7 +117,7 @@ def _say_modulus(section: Section) -> None:
     """Warn where E gives the stiffness of a translation, and a measured EI another E."""
     if section.bending_stiffness is None:
         return
-    E, at = section.material.youngs_modulus, np.linspace(0, 1, 5)
+    E, at = section.material.relaxed * section.material.youngs_modulus, np.linspace(0, 1, 5)
     stated = [section.bending(x) / section.second_moment(x) for x in at]
     if np.abs(np.array(stated) / E - 1).max() <= SAME:
         return

@@ -25,7 +25,7 @@ from softdyn.checks import (
     whole,
 )
 from softdyn.description.rig import CommandKind
-from softdyn.description.robot import EARTH, NO_FLUID, Fluid
+from softdyn.description.robot import EARTH, MOST_BRANCHES, NO_FLUID, Fluid
 from softdyn.description.stated_task import StatedTask
 from softdyn.design.cables import (
     ArmSensor,
@@ -42,6 +42,8 @@ from softdyn.design.cables import (
 from softdyn.design.quadrature import Rule, gauss_legendre
 from softdyn.exceptions import InputError
 
+INSTANTANEOUS = "instantaneous"
+MODULI = (INSTANTANEOUS, "relaxed")
 MEASURED = ("bending_stiffness", "torsional_stiffness", "axial_stiffness", "shear_stiffness")
 MAX_SEGMENTS = 256  # the limit of a file's degrees of freedom
 
@@ -58,16 +60,51 @@ class Material:
         ν; the shear modulus is G = E / (2 (1 + ν)).
     density : float
         kg/m³.
+    relaxation : tuple of (float, float)
+        A Prony series: the share g of the instantaneous modulus and the time τ (s) of each branch,
+        at most three (`softdyn.dynamics.relaxation`).
+    modulus : str
+        ``instantaneous`` or ``relaxed``: which modulus E is, and which a section's measured
+        stiffnesses are. It has no default beside a Prony series.
     """
 
     youngs_modulus: float
     poissons_ratio: float = 0.49
     density: float = 1070.0
+    relaxation: tuple[tuple[float, float], ...] = ()
+    modulus: str = ""
 
     def __post_init__(self) -> None:
         positive(self, "youngs_modulus", "density")
         if not -1 < number("poissons_ratio", self.poissons_ratio) <= 0.5:
             raise InputError("poissons_ratio", "a number > -1 and <= 0.5", self.poissons_ratio)
+        branches = instances("relaxation", self.relaxation, tuple, "a share and a time")
+        if len(branches) > MOST_BRANCHES:
+            raise InputError("relaxation", f"at most {MOST_BRANCHES} branches", len(branches))
+        for branch in branches:
+            share, time = array("relaxation", branch, (2,))
+            number("relaxation: share", share, above=0.0)
+            number("relaxation: time", time, above=0.0)
+        if not self.left > 0:
+            raise InputError("relaxation", "shares whose sum is below 1", f"{1 - self.left:g}")
+        if branches and self.modulus not in MODULI:
+            raise InputError("modulus", " or ".join(MODULI), repr(self.modulus or "none"))
+        if self.modulus and not branches:
+            raise InputError("modulus", "a relaxation beside it", "none")
+
+    @property
+    def left(self) -> float:
+        """The share 1 - Σ g of the instantaneous modulus that does not relax."""
+        return 1.0 - sum(share for share, _ in self.relaxation)
+
+    @property
+    def relaxed(self) -> float:
+        """The relaxed modulus over E."""
+        return self.left if self.modulus == INSTANTANEOUS else 1.0
+
+    def branches(self, stiffness: float) -> tuple[tuple[float, float], ...]:
+        """The Maxwell branches (k_i, τ_i) of a spring with this relaxed stiffness."""
+        return tuple((share * stiffness / self.left, time) for share, time in self.relaxation)
 
 
 @dataclass(frozen=True)
@@ -194,32 +231,33 @@ class Section:
         return math.pi / 4 * (along(self.radius, at) ** 4 - along(self.inner_radius, at) ** 4)
 
     def bending(self, at: float) -> float:
-        """EI (N m²)."""
+        """EI (N m²), relaxed as all that follow."""
         if self.bending_stiffness is not None:
-            return along(self.bending_stiffness, at)
-        return self.material.youngs_modulus * self.second_moment(at)
+            return self.material.relaxed * along(self.bending_stiffness, at)
+        return self.material.relaxed * self.material.youngs_modulus * self.second_moment(at)
 
     def torsion(self, at: float) -> float:
         """GJ (N m²)."""
         if self.torsional_stiffness is not None:
-            return along(self.torsional_stiffness, at)
+            return self.material.relaxed * along(self.torsional_stiffness, at)
         return self.bending(at) / (1 + self.material.poissons_ratio)
 
     def stretching(self, at: float) -> float:
         """EA (N)."""
         if self.axial_stiffness is not None:
-            return along(self.axial_stiffness, at)
-        return self.material.youngs_modulus * self.area(at)
+            return self.material.relaxed * along(self.axial_stiffness, at)
+        return self.material.relaxed * self.material.youngs_modulus * self.area(at)
 
     def shearing(self, at: float) -> float:
         """κ GA (N), with the shear coefficient of a round section (Cowper, 1966)."""
         if self.shear_stiffness is not None:
-            return along(self.shear_stiffness, at)
+            return self.material.relaxed * along(self.shear_stiffness, at)
         nu = self.material.poissons_ratio
         m = (along(self.inner_radius, at) / along(self.radius, at)) ** 2
         wide = (1 + m) ** 2
         kappa = 6 * (1 + nu) * wide / ((7 + 6 * nu) * wide + (20 + 12 * nu) * m)
-        return kappa * self.material.youngs_modulus * self.area(at) / (2 * (1 + nu))
+        E = self.material.relaxed * self.material.youngs_modulus
+        return kappa * E * self.area(at) / (2 * (1 + nu))
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@
 - `coordinates`: places in q of each joint: continuous joints, floating bases;
 - `curves`: springs and dampers that are not linear;
 - `buoyancy`: the buoyancy of links;
+- `relaxation`: Maxwell branches beside the springs of joints, for materials that creep;
 - `fluid`: the drag of a fluid on the links;
 - `forces`: joint forces of one's own, `Force`: the contract and its checked calls;
 - `balance`: r = M a + h - B u - E d and its Jacobians, with winches and slow disturbances;

@@ -28,7 +28,8 @@ The disturbances d act through E:
 - a payload m at the tip, a point mass: the same derivatives of a robot of this mass alone, times m
   (below zero by its weight alone, since an inertia below zero has no motion);
 - a factor 1 + s of the joint springs, -s K;
-- offsets o of the springs' rest positions, k o.
+- offsets o of the springs' rest positions, k o;
+- the torques z of Maxwell branches, -z (`softdyn.dynamics.relaxation`).
 """
 
 from __future__ import annotations
@@ -46,6 +47,7 @@ from softdyn.dynamics.engine import Scratch
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.points import BodyPoint
 from softdyn.dynamics.projection import Projection, underlying_tree
+from softdyn.dynamics.relaxation import Branches
 from softdyn.dynamics.winches import Winches
 
 
@@ -60,6 +62,8 @@ class Disturbance(Enum):
     """Relative change of all joint springs' stiffness."""
     JOINT_OFFSETS = "joint_offsets"
     """Offsets of the joint springs' rest positions (rad, m), one per degree of freedom."""
+    RELAXATION = "relaxation"
+    """Torques of the Maxwell branches (N m, N), one per branch of a joint."""
 
     def size(self, model: SoftModel) -> int:
         """The number of its components."""
@@ -76,6 +80,12 @@ class Disturbance(Enum):
             slide = sliding(model.robot, names := model.joint_names)
             units = ("m" if slides else "rad" for slides in slide)
             parts = {f".{name}": unit for name, unit in zip(names, units, strict=True)}
+        elif self is Disturbance.RELAXATION:
+            parts = {
+                f".{joint.name}.{number}": "N" if joint.kind == "prismatic" else "N m"
+                for joint in model.robot.joints
+                for number in range(1, len(joint.relaxation) + 1)
+            }
         return {self.value + part: unit for part, unit in parts.items()}
 
 
@@ -132,7 +142,11 @@ class ForceBalance:
         for one in disturbances:
             first, self._size = self._size, self._size + one.size(model)
             columns[one] = slice(first, self._size)
-        self._force, self._mass, self._factor, self._offsets = map(columns.get, Disturbance)
+        self._force, self._mass, self._factor, self._offsets, self._creep = map(
+            columns.get, Disturbance
+        )
+        if self._creep:
+            self._creeping = Branches.of(tree).rates.T
         if self._force or self._mass:
             self._tip = BodyPoint(tree.engine, *tree.anchor(model.robot.task, np.zeros(3)))
             self._point = Scratch(_point_mass(tree.engine, self._tip))
@@ -258,6 +272,9 @@ class ForceBalance:
             by_d[:, self._factor] = (tree.stiffness * (stretch - shift))[:, None]
             r += scale * tree.stiffness * stretch
             by_q.flat[:: tree.nv + 1] += scale * tree.stiffness
+        if self._creep:
+            by_d[:, self._creep] = self._creeping
+            r += self._creeping @ d[self._creep]
         if self._force:
             kinematics, columns = tree.last_kinematics(), by_d[:, self._force]
             self._tip.subtract_force(r, by_q, columns, d[self._force], *kinematics)

@@ -5,7 +5,8 @@ velocities is D_u = -B ∂u/∂q̇, and the force p of the stops at its end, its
 
     (M + h (D + D_u)) (v⁺ - v) = h (B u - h(q, v) + p),    q⁺ = q ⊕ h v⁺.
 
-With forces of one's own D is D - ∂F/∂q̇.
+With forces of one's own D is D - ∂F/∂q̇. The torques z of Maxwell branches (`relaxation`) are those
+at the step's begin; then they follow q⁺.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 from softdyn.checks import array, number
 from softdyn.dynamics.derivatives import total_damping
 from softdyn.dynamics.model import SoftModel, State
+from softdyn.dynamics.relaxation import Branches
 from softdyn.dynamics.stops import Stops
 
 Step = tuple[np.ndarray, np.ndarray]
@@ -96,6 +98,7 @@ class ModelMotion:
         h (s).
     rk4 : bool
         Whether steps are of order 4. They are explicit: a step too long for the damping diverges.
+        They have no Maxwell branches.
 
     Attributes
     ----------
@@ -105,6 +108,8 @@ class ModelMotion:
 
     def __init__(self, model: SoftModel, step: float, *, rk4: bool = False) -> None:
         self._model, self._h, self._rk4 = model, number("step", step, above=0.0), rk4
+        creeps = any(joint.relaxation for joint in model.robot.joints)
+        self._branches = Branches.of(model) if creeps else None
         self.start(model.q0, np.zeros(model.nv))
 
     def start(self, q: np.ndarray, v: np.ndarray) -> None:
@@ -115,6 +120,7 @@ class ModelMotion:
         self._stops = Stops(np.minimum(stops.lower, at), np.maximum(stops.upper, at))
         self._held = np.zeros(self._model.nv, np.int64)
         self._state: State | None = state
+        self._torques = np.zeros(0 if self._branches is None else len(self._branches.time))
 
     @property
     def state(self) -> State:
@@ -147,6 +153,10 @@ class ModelMotion:
         if not np.isfinite(q @ q + v @ v):
             raise FloatingPointError("a state that is not finite")
         self.q, self.v, self._state = q, v, None
+        if (branches := self._branches) is not None:
+            moved = self._h * (branches.rates @ v)
+            self._torques *= branches.decay(self._h)
+            self._torques += branches.gain(self._h) * moved
 
     def _within(self, q: np.ndarray) -> bool:
         if not np.isfinite(q).all():
@@ -157,14 +167,17 @@ class ModelMotion:
     def _implicit(self, pull: Pull) -> Step:
         model, h, state = self._model, self._h, self.state
         u, slopes = pull(state)
+        h_all = state.h
+        if self._branches is not None:
+            h_all = h_all + self._torques @ self._branches.rates
         D = total_damping(state)
         A = state.M + h * (D if slopes is None else D - state.B @ slopes)
         if not self._held.any():
-            v = state.v + h * np.linalg.solve(A, state.B @ u - state.h)
+            v = state.v + h * np.linalg.solve(A, state.B @ u - h_all)
             q = model.integrate(state.q, h * v)
             if self._within(q):
                 return q, v
-        r = state.h - state.B @ u - A @ state.v / h
+        r = h_all - state.B @ u - A @ state.v / h
         at = model.coordinates(state.q)
         v, self._held = self._stops.solve(A / h, r, at, h, self._held)
         q = model.integrate(state.q, h * v)

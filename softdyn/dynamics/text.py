@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from softdyn.description.rig import Actuator, CommandKind
-from softdyn.description.robot import Robot, sliding
+from softdyn.description.robot import Joint, Robot, sliding
 
 LISTED = 12  # most joints or inputs that get a line each
 
@@ -36,6 +36,9 @@ def joint_lines(robot: Robot) -> Iterator[str]:
     for part, key in (("spring", "stiffness"), ("damper", "damping")):
         values = [value for joint in joints if (value := getattr(joint, key)) > 0]
         yield f"  {len(values)} with a {part}{_range(values)}"
+    if creeping := [joint for joint in joints if joint.relaxation]:
+        branches = short([f"{joint.name} {branches_text(joint)}" for joint in creeping])
+        yield f"  {len(creeping)} that creep: {branches}"
     for j in joints if len(joints) <= LISTED else ():
         span = f"[{j.lower:.4g}, {j.upper:.4g}]"
         if (mimic := j.mimic) is not None:
@@ -44,6 +47,12 @@ def joint_lines(robot: Robot) -> Iterator[str]:
             f"  {j.name:<22} {j.kind:<11}{span}  "
             f"stiffness {j.stiffness:g} at {j.rest:g}, damping {j.damping:g}"
         )
+
+
+def branches_text(joint: Joint) -> str:
+    """The Maxwell branches of a joint: stiffness and time of each."""
+    unit = "N/m" if joint.kind == "prismatic" else "N m/rad"
+    return " and ".join(f"{k:.4g} {unit} over {time:g} s" for k, time in joint.relaxation)
 
 
 def coordinate_lines(

@@ -10,6 +10,7 @@
 - `covariance`, `drift`: prediction and updates of the covariance, corrections that end within the
   joint limits, disturbances that change;
 - `arrivals`: rates and latencies of sensors, late readings, readings of a poorly known state;
+- `creeping`: torques of Maxwell branches, with their known dynamics;
 - `rubbing`: the errors of disturbances that friction of cables makes;
 - `observability`: how well and how fast sensors show the state at an equilibrium;
 - `recorded`: the filter over recorded data, with residuals by sensor;

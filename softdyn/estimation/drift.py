@@ -3,7 +3,9 @@
 A component d has the deviation σ in the long run and the time τ. Of the first order it follows
 ḋ = -d / τ + w, w of the density 2 σ² / τ. A force may move on while late readings are on their way,
 so its rate is estimated too: d̈ = -2 ḋ / τ - d / τ² + w, critically damped, w of the density
-4 σ² / τ³; the rate has the deviation σ / τ (Gelb 1974, chapter 2).
+4 σ² / τ³; the rate has the deviation σ / τ (Gelb 1974, chapter 2). The torque of a Maxwell branch
+has the first order with the branch's own τ, beside what its joint's motion adds
+(`softdyn.estimation.creeping`).
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import numpy as np
 
 from softdyn.dynamics.balance import Disturbance
 from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.relaxation import Branches
 
 
 class DriftStep(NamedTuple):
@@ -65,6 +68,9 @@ class DisturbanceDrift:
     ) -> None:
         moves = [np.full(one.size(model), one is Disturbance.TIP_FORCE) for one in disturbances]
         self.moving = np.flatnonzero(np.concatenate([*moves, np.zeros(0, bool)]))
+        creeps = [np.full(one.size(model), one is Disturbance.RELAXATION) for one in disturbances]
+        self._creeping = np.flatnonzero(np.concatenate([*creeps, np.zeros(0, bool)]))
+        self._times = Branches.of(model).time
         own = variances[self.moving]
         self.variances = np.concatenate((variances, own / memory**2))
         self._slow, self._own = variances, own[0] if len(own) else 0.0
@@ -81,6 +87,9 @@ class DisturbanceDrift:
         x, left = step / self._memory, math.exp(-step / self._memory)
         decay, added = np.full(len(self._slow), left), self._slow * -math.expm1(-2 * x)
         decay[self.moving], added[self.moving] = 1.0, 0.0
+        if (own := self._creeping).size:
+            decay[own] = np.exp(-step / self._times)
+            added[own] = -self._slow[own] * np.expm1(-2 * step / self._times)
         turn = left * np.array([[1 + x, step], [-x / self._memory, 1 - x]])
         gain = left * left
         place = max(1 - gain * (1 + 2 * x + 2 * x * x), 0.0)

@@ -36,6 +36,7 @@ from softdyn.estimation.covariance import (
     update,
     usable,
 )
+from softdyn.estimation.creeping import CreepingBalance
 from softdyn.estimation.drift import DisturbanceDrift
 from softdyn.estimation.estimate import StateEstimate
 from softdyn.estimation.parameters import EkfCounts, EkfParameters, disturbances_of
@@ -137,6 +138,7 @@ class Ekf(KeepsMaking, Separate):
         self._channels = sensor_channels(model, layout.sensors)
         self._balance = ForceBalance(model, self.disturbances)
         self._step = ImplicitStep(model, self._balance)
+        self._creep: CreepingBalance | None = None
         capstan = Capstan(model)
         self._capstan = capstan if len(capstan.tendon) and self.disturbances else None
         self._drives = Drives.of(model)
@@ -152,6 +154,9 @@ class Ekf(KeepsMaking, Separate):
             one.value: slice(int(a), int(b))
             for one, a, b in zip(self.disturbances, ends, ends[1:], strict=False)
         }
+        if (torques := self._slices.get(Disturbance.RELAXATION.value)) is not None:
+            self._creep = CreepingBalance(model, self._balance, torques)
+            self._step = ImplicitStep(model, self._creep)
         self._readings, self._commands = np.empty(self.components), np.empty(model.nu)
         self._quietest = self.parameters.quietest
         self._first, self._force_noise, variances = self.parameters.variances(
@@ -356,6 +361,8 @@ class Ekf(KeepsMaking, Separate):
 
     def _hold(self, commands: np.ndarray, step: float, halvings: int) -> bool:
         """A step under constant commands, or two of half its length if it has no solution."""
+        if self._creep is not None:
+            self._creep.hold(step)
         found = self._step(self._q, self._v, commands, self._d, step, self._held)
         if found is None:
             return halvings > 0 and all(
@@ -369,6 +376,8 @@ class Ekf(KeepsMaking, Separate):
         self._q[:], self._v[:], self._held[:] = found.q, found.v, found.held
         if len(self._drifting):
             self._drift.move(self._drifting, step)
+        if self._creep is not None:
+            self._creep.follow(self._d, self._P, found.v)
         self._inputs[:] = found.inputs
         return True
 

@@ -11,6 +11,7 @@ import numpy as np
 from softdyn.checks import number
 from softdyn.dynamics.balance import Disturbance
 from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.relaxation import Branches
 from softdyn.exceptions import InputError
 
 HORIZON = 0.3  # s, of the force that moves a joint without a spring, and of the first velocity
@@ -47,6 +48,8 @@ class EkfParameters:
         Of the springs' relative change.
     joint_offsets : float
         Of the rest positions, as a share of each joint's range.
+    relaxation : float
+        Of the torques of Maxwell branches, as a share of their stiffness over the joint's range.
     longest : float
         No step of the prediction is longer (s); at least 1e-4.
     """
@@ -61,6 +64,7 @@ class EkfParameters:
     stiffness: float = 0.2
     joint_offsets: float = 0.05
     longest: float = 0.01
+    relaxation: float = 0.02
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -95,6 +99,10 @@ class EkfParameters:
             Disturbance.STIFFNESS: self.stiffness,
             Disturbance.JOINT_OFFSETS: self.joint_offsets * span,
         }
+        if Disturbance.RELAXATION in disturbances:
+            branches = Branches.of(model)
+            reach = np.abs(branches.rates) @ span
+            known[Disturbance.RELAXATION] = self.relaxation * branches.stiffness * reach
         parts = [np.broadcast_to(known[one], one.size(model)) for one in disturbances]
         return (
             np.concatenate((position, position / HORIZON)) ** 2,
@@ -167,4 +175,6 @@ def disturbances_of(
     springs = {Disturbance.STIFFNESS, Disturbance.JOINT_OFFSETS} & set(found)
     if springs and not model.stiffness.any():
         raise InputError("disturbances", "a robot with joint springs", model.name)
+    if Disturbance.RELAXATION in found and not Disturbance.RELAXATION.size(model):
+        raise InputError("disturbances", "a robot whose springs creep", model.name)
     return tuple(found)

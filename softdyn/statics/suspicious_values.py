@@ -13,6 +13,7 @@ from softdyn.description.robot import Joint, Robot, Tendon, moving_bodies
 from softdyn.description.visuals import triangles, visuals
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.dynamics.projection import Projection, underlying_tree
+from softdyn.dynamics.relaxation import Branches
 from softdyn.plausible import WEIGHT, implausible_pressures, too_heavy, too_strong
 
 PLANT_STEP = 5e-4  # s, the coarsest plant step of the closed loops
@@ -65,10 +66,11 @@ def fast_springs(model: SoftModel, state: State, timestep: float = PLANT_STEP) -
         (M + h D) (v' - v) = -h (K q + D v),   q' = q + h v'.
 
     A mode q ∝ zᵏ has (m + h d) z² + (h² k - h d - 2 m) z + m = 0 with m, d, k = x* (M, D, K) x, and
-    |z| ≤ 1 if h² k ≤ 4 m + 2 h d. So the step is stable if 4 M + 2 h D - h² K is positive.
+    |z| ≤ 1 if h² k ≤ 4 m + 2 h d. So the step is stable if 4 M + 2 h D - h² K is positive. K has
+    the Maxwell branches too, k₀ = k∞ + Σ k, because a fast mode meets them all.
     """
-    h, K = timestep, np.diag(model.stiffness)
-    if not model.stiffness.any():
+    h, K = timestep, np.diag(model.stiffness) + Branches.of(model).matrix
+    if not K.any():
         return None
     try:
         shares, modes = eigh(h * h * K, 4 * state.M + 2 * h * state.D)
@@ -77,10 +79,11 @@ def fast_springs(model: SoftModel, state: State, timestep: float = PLANT_STEP) -
     if not shares[-1] > 1:
         return None
     mode = modes[:, -1]
-    worst = int(np.argmax(model.stiffness * mode**2))
+    stiffness = np.diag(K)
+    worst = int(np.argmax(stiffness * mode**2))
     rate = math.sqrt(float((mode @ K @ mode) / (mode @ state.M @ mode)))
     return (
-        f"joint {model.joint_names[worst]!r}: a stiffness of {model.stiffness[worst]:g} swings at "
+        f"joint {model.joint_names[worst]!r}: a stiffness of {stiffness[worst]:g} swings at "
         f"{rate:.2g} rad/s, too fast for plant steps of {timestep:g} s: other units than "
         "N m/rad or N/m, too little inertia, or too little damping?"
     )

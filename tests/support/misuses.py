@@ -19,6 +19,7 @@ INERTIAL = (
     '<inertia ixx="1e-5" ixy="0" ixz="0" iyy="9e-5" iyz="0" izz="9e-5"/></inertial>'
 )
 LIMIT = '<limit lower="-1" upper="1" effort="9" velocity="9"/>'
+A_BRANCH = "a stiffness and a time > 0 of each branch as relaxation"
 ARM = f"""\
 <robot name="arm">
   <link name="world"/>
@@ -480,6 +481,14 @@ BLOCK = [
            '<softdyn><joint name="bend">', "two numbers as stiffness_poly", "'1 2 3'"),
     Misuse("damper below zero", ('armature="0.005"', 'damping_poly="0 -1"'),
            '<softdyn><joint name="bend">', "numbers >= 0 as damping_poly", "0 -1"),
+    Misuse("branch without a time", ('armature="0.005"', 'relaxation="0.1 2 0.3"'),
+           '<softdyn><joint name="bend">', A_BRANCH,
+           "'0.1 2 0.3'"),
+    Misuse("time of a branch that is zero", ('armature="0.005"', 'relaxation="0.1 0"'),
+           '<softdyn><joint name="bend">', A_BRANCH,
+           "'0.1 0'"),
+    Misuse("four branches", ('armature="0.005"', 'relaxation="1 1 1 2 1 3 1 4"'),
+           '<softdyn><joint name="bend">', "at most 6 numbers as relaxation", "8"),
     Misuse("armature of an unknown joint", ('name="bend" armature', 'name="thumb" armature'),
            '<softdyn><joint name="thumb">', "the name of a joint", "'thumb'"),
     Misuse("armature of a fixed joint", ('name="bend" armature', 'name="glue" armature'),

@@ -24,6 +24,7 @@ from softdyn.dynamics.forces import differences, energy_of, total_derivatives, t
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.projection import underlying_tree
 from softdyn.dynamics.reduced import rebuild
+from softdyn.dynamics.relaxation import without_branches
 from softdyn.exceptions import InputError, SoftdynError
 from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
 from softdyn.validation.crosschecks.result import (
@@ -174,7 +175,8 @@ def crosscheck(
     """
     if not isinstance(samples, int) or samples < 1:
         raise InputError("samples", "an integer >= 1", samples)
-    twin = Twin(check_model(model), limits=False) if twin is None else twin
+    model = without_branches(check_model(model))
+    twin = Twin(model, limits=False) if twin is None else twin
     report = progress or (lambda _text: None)
     tally = Tally()
     runs: tuple[TrajectoryRun, ...] = ()

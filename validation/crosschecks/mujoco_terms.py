@@ -16,6 +16,7 @@ from softdyn.validation.mjcf.scene import Scene
 from softdyn.validation.mjcf.servos import as_forces
 from softdyn.validation.twin.free_base import rk4_on_rotations
 from softdyn.validation.twin.integrators import Integrator
+from softdyn.validation.twin.memory import MotionMemory
 from softdyn.validation.twin.own_forces import OwnForces
 from softdyn.validation.twin.rotors import coupling_tendons, mass_matrix
 from softdyn.validation.twin.settings import disabled
@@ -73,7 +74,8 @@ class MujocoTerms:
         self.mass = float(self._model.body_mass[1:].sum())
         self._own: OwnForces | None = None  # given ones, which MuJoCo does not judge
         if twin.robot.forces:
-            self._own = OwnForces(twin.robot, self._model, self._data, states)
+            rested = MotionMemory(self._model, twin.robot)
+            self._own = OwnForces(twin.robot, self._model, self._data, states, rested)
 
     # -- at one state --------------------------------------------------------------------------
 

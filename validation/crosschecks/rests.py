@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softdyn.checks import number
+from softdyn.dynamics.relaxation import without_branches
 from softdyn.dynamics.stops import Stops
 from softdyn.statics import Equilibrium
 from softdyn.validation.twin.state_map import StateMap
@@ -54,7 +55,7 @@ def hold(
     model = equilibrium.model
     steps = max(1, round(SAMPLE / number("timestep", timestep, above=0.0)))
     samples = math.ceil(number("duration", duration, above=0.0) / (steps * timestep) - 1e-9)
-    twin = Twin(model, timestep=timestep)
+    twin = Twin(without_branches(model), timestep=timestep)
     at = model.coordinates(equilibrium.q)
     span = np.minimum(model.upper - model.lower, 1.0)
     off = nudge * span * np.random.default_rng(NUDGE_SEED).normal(size=model.nv)

@@ -309,6 +309,7 @@ def model_plant(
         ("rig: plant.contacts", errors.contacts),
         ("rig: plant.friction, plant.dry_friction", errors.rubs),
         ("rig: plant.soft_stops", errors.soft_stops),
+        ("rig: plant.hysteresis", errors.hysteresis),
     ):  # fmt: skip
         if given:
             raise InputError(name, f"none, because {_NO}", given)
@@ -316,6 +317,9 @@ def model_plant(
         expected = f'{" or ".join(SCHEMES)} with plant="{MODEL}"'
         raise InputError("integrator", expected, str(options.integrator))
     scheme = Integrator(options.integrator)
+    if scheme is Integrator.RK4 and any(joint.relaxation for joint in model.robot.joints):
+        expected = f'implicitfast with plant="{MODEL}" and joints that creep'
+        raise InputError("integrator", expected, str(scheme))
     if rig is None:
         return ModelPlant(model, timestep, scheme)
     return RiggedModel(rig, model, period, timestep=timestep, integrator=scheme)

@@ -20,7 +20,7 @@ from softdyn.validation.files import write_text
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
 from softdyn.validation.mjcf.comparison.finding import beyond_urdf
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
-from softdyn.validation.mjcf.comparison.neutral import FLUID, Neutral, Numbers
+from softdyn.validation.mjcf.comparison.neutral import FLUID, RELAXATION, Neutral, Numbers
 from softdyn.validation.mjcf.comparison.result import Comparison
 from softdyn.validation.mjcf.comparison.side import Side, neutral
 from softdyn.validation.mjcf.mjcf_file import Contents
@@ -140,6 +140,7 @@ def unsaid(robot: Neutral) -> Iterator[str]:
     for part in robot.parts:
         even = part.more.get("jnt_actfrcrange", (0.0, 0.0))
         known = {"jnt_actfrcrange"} if even[0] == -even[1] else set()  # equal to a URDF effort
+        known.add(RELAXATION)
         own = {field: value for field, value in part.more.items() if field not in known}
         yield from _unsaid(f"joint {part.name!r}", own)
         if part.buoyancy is None:

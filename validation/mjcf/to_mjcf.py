@@ -23,6 +23,7 @@ from softdyn.description.visuals import (
     triangles,
     visuals,
 )
+from softdyn.dynamics.text import branches_text
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, NeutralTendon, Point
 from softdyn.validation.mjcf.rig_to_mjcf import add_motor, add_sensors, lost_rig
@@ -436,6 +437,11 @@ def lost(robot: Robot) -> list[str]:
             f"tendon {name!r}: the coupling of branches by its armature, which MuJoCo leaves out"
             for name in coupling_tendons(Twin(robot).model)
         ]
+    notes += [
+        f"joint {joint.name!r}: its branches of relaxation, {branches_text(joint)}"
+        for joint in robot.moving_joints
+        if joint.relaxation
+    ]
     for part in from_urdf(robot).parts:
         moments = np.linalg.eigvalsh(part.inertia.tensor)
         excess = moments[2] - moments[1] - moments[0]

@@ -36,6 +36,7 @@ from softdyn.description.robot import (
 )
 from softdyn.validation.mjcf.comparison.neutral import (
     FLUID,
+    RELAXATION,
     WORLD,
     Frame,
     Neutral,
@@ -151,6 +152,7 @@ def _moving(joint: Joint, source: Neutral, part: Part, lost: list[str]) -> Joint
         value if math.isfinite(value) or kind == "continuous" else math.copysign(UNLIMITED, value)
         for value in (part.lower, part.upper)
     )
+    branches = part.more.get(RELAXATION, ())
     mimic = None
     for tie in source.couplings:
         if tie.joint == part.name:
@@ -165,6 +167,7 @@ def _moving(joint: Joint, source: Neutral, part: Part, lost: list[str]) -> Joint
         effort=part.effort if math.isfinite(part.effort) else 0.0, stiffness=part.stiffness,
         rest=part.rest if sprung else 0.0, damping=part.damping, armature=part.armature,
         friction=part.friction, mimic=mimic, stiffness_poly=spring, damping_poly=damper,
+        relaxation=tuple(zip(branches[::2], branches[1::2], strict=True)),
     )  # fmt: skip
 
 

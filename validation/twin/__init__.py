@@ -6,6 +6,7 @@
 - `bodies`: the rigid bodies of a URDF, read by the second parser
 - `plain_urdf`: what that parser can read of the file: quaternions, capsules and other shapes
 - `build`: the MuJoCo model: bodies, joints, tendons, actuators, collision shapes
+- `memory`: torques that remember the motion: Maxwell branches, and hysteresis
 - `plant_errors`: how a plant differs from the model: masses, springs, friction, contacts, stops
 - `state_map`: the convention map between a model's state and the twin's
 - `free_base`: a floating base in MuJoCo's variables, so that both engines integrate alike

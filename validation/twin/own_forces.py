@@ -31,6 +31,7 @@ from softdyn.validation.twin.integrators import Integrator
 
 if TYPE_CHECKING:
     from softdyn.description.robot import Robot
+    from softdyn.validation.twin.memory import MotionMemory
     from softdyn.validation.twin.state_map import StateMap
 
 RK4_REACH = 2.78  # h λ of a decay; of an oscillation 2.82
@@ -49,6 +50,8 @@ class OwnForces:
         Its MuJoCo model, and the state that moves.
     states : StateMap
         The map from the model's states to MuJoCo's.
+    memory : MotionMemory
+        The torques of branches and hysteresis.
 
     Attributes
     ----------
@@ -62,16 +65,24 @@ class OwnForces:
     """
 
     def __init__(
-        self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, states: StateMap
-    ) -> None:
+        self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, states: StateMap,
+        memory: MotionMemory,
+    ) -> None:  # fmt: skip
+        self._memory = memory
         self._model, self._data, self._states = model, data, states
         self._scratch, self._robot = mujoco.MjData(model), build(robot.dry)
         self.scheme = model.opt.integrator
         self.forget()
         self._slopes = all(hasattr(force, "derivatives") for force in robot.forces)
-        if self.scheme == Integrator.RK4.mujoco and (model.na or model.actuator_delay.any()):
-            expected = "implicitfast with forces of one's own and motors that lag"
+        if self.staged and (model.na or model.actuator_delay.any()):
+            what = "forces of one's own" if robot.forces else "relaxation"
+            expected = f"implicitfast with {what} and motors that lag"
             raise InputError("integrator", expected, "rk4")
+
+    @property
+    def staged(self) -> bool:
+        """Whether a step has four stages, which move the torques of the branches too."""
+        return bool(self.scheme == Integrator.RK4.mujoco)
 
     def forget(self) -> None:
         """The next `check_step` checks."""
@@ -83,8 +94,11 @@ class OwnForces:
 
     def _applied(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         """F (MuJoCo's nv,); that of followers acts on their leaders."""
+        if not self._robot.robot.forces:
+            return self._memory.force()
         force = self._robot.forces_at(*self._states.from_twin(qpos, qvel))
-        return self._turned(qpos) @ force
+        found = self._turned(qpos) @ force
+        return found + self._memory.force() if self._memory else found
 
     def _turned(self, qpos: np.ndarray) -> np.ndarray:
         """P (MuJoCo's nv, nv) without the rows of followers: it maps forces to MuJoCo's."""
@@ -115,7 +129,7 @@ class OwnForces:
         mujoco.mj_checkVel(model, data)
         if data.warning.number.any():  # a state at which no force can be asked for
             return
-        if self.scheme == Integrator.RK4.mujoco:
+        if self.staged:
             self._fourth_order()
             return
         self.update()
@@ -150,27 +164,29 @@ class OwnForces:
         return found - h * slopes
 
     def _fourth_order(self) -> None:
-        model, data = self._model, self._data
+        model, data, memory, n = self._model, self._data, self._memory, self._model.nv
 
-        def slope(qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
-            data.qpos[:], data.qvel[:] = qpos, qvel
+        def slope(qpos: np.ndarray, rates: np.ndarray) -> np.ndarray:
+            data.qpos[:], data.qvel[:], memory.torque[:] = qpos, rates[:n], rates[n:]
             mujoco.mj_checkPos(model, data)
             mujoco.mj_checkVel(model, data)
             if data.warning.number.any():
-                return np.zeros(model.nv)
+                return np.zeros(len(rates))
             self.update()
             mujoco.mj_forward(model, data)
             mujoco.mj_checkAcc(model, data)
-            return data.qacc.copy()
+            return np.append(data.qacc, memory.rate(data.qvel, memory.torque))
 
         def move(qpos: np.ndarray, moved: np.ndarray) -> np.ndarray:
             there = qpos.copy()
-            mujoco.mj_integratePos(model, there, moved, 1.0)
+            mujoco.mj_integratePos(model, there, moved[:n], 1.0)
             return there
 
-        start, h = (data.qpos.copy(), data.qvel.copy()), model.opt.timestep
+        h = model.opt.timestep
+        start = data.qpos.copy(), np.append(data.qvel, memory.torque)
         turning = slice(3, 6) if self._states.floating else slice(0)
-        data.qpos[:], data.qvel[:] = rk4_on_rotations(*start, h, slope, move, turning)
+        data.qpos[:], rates = rk4_on_rotations(*start, h, slope, move, turning)
+        data.qvel[:], memory.torque[:] = rates[:n], rates[n:]
         data.time += h
 
     def check_step(self) -> None:

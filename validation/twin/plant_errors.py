@@ -42,6 +42,10 @@ class PlantErrors:
         on what moves with its link. Its key ``each`` is for everything else.
     payload : float
         A point mass at the tip (kg).
+    hysteresis : float
+        Width of the loop of torque over angle that the springs of driven joints have (Dahl 1968,
+        `softdyn.validation.twin.memory`), over the largest torque that one input alone has there at
+        q = 0. Data sheets of sensors state hysteresis like this, in parts of the full scale.
 
     Raises
     ------
@@ -57,11 +61,12 @@ class PlantErrors:
     stiffness: Factors = 1.0
     damping: Factors = 1.0
     payload: float = 0.0
+    hysteresis: float = 0.0
 
     def __post_init__(self) -> None:
         for name, usual in (("contacts", False), ("friction", False), ("soft_stops", False)):
             instance(name, getattr(self, name), type(usual), "true or false")
-        for name in ("dry_friction", "payload"):
+        for name in ("dry_friction", "payload", "hysteresis"):
             number(name, getattr(self, name), lower=0.0)
         for name in BY_JOINT:
             value = getattr(self, name)
@@ -101,6 +106,7 @@ class PlantErrors:
             model.body_inertia[:] *= bodies[:, None]
             model.jnt_stiffness[:] *= springs
             model.jnt_stiffnesspoly[:] *= springs[:, None]
+            twin.memory.scale(springs)
             model.tendon_stiffness[:] *= stiffness
             model.tendon_stiffnesspoly[:] *= stiffness
             model.dof_damping[:] *= dampers[model.dof_jntid]
@@ -116,6 +122,8 @@ class PlantErrors:
         if (self.mass, self.stiffness, self.damping, self.payload) != (1.0, 1.0, 1.0, 0.0):
             mujoco.mj_setConst(model, twin.data)
             twin.reset()
+        if self.hysteresis:
+            twin.memory.add_hysteresis(self.hysteresis / 2 * _full_torques(twin))
         return twin
 
 
@@ -157,6 +165,9 @@ def altered_robot(errors: PlantErrors, robot: Robot) -> Robot:
             replace(
                 joint, stiffness=springs.get(joint.name, stiffness) * joint.stiffness,
                 damping=dampers.get(joint.name, damping) * joint.damping,
+                relaxation=tuple(
+                    (springs.get(joint.name, stiffness) * k, time) for k, time in joint.relaxation
+                ),
             )
             for joint in robot.joints
         ),
@@ -198,6 +209,30 @@ def _factors(name: str, factors: Factors, joints: list[str]) -> tuple[Mapping[st
         if joint != EACH and joint not in joints:
             raise InputError(name, "names of joints", did_you_mean(joint, joints))
     return factors, factors.get(EACH, 1.0)
+
+
+def _full_torques(twin: Twin) -> np.ndarray:
+    """The largest torque (joints,) that one input alone has at q = 0 (N m, N).
+
+    Raises
+    ------
+    InputError
+        A motor that commands a length, whose largest torque depends on the way.
+    """
+    model, data = twin.model, twin.data
+    for actuator in twin.robot.actuators:
+        if actuator.is_winch:
+            raise InputError("hysteresis", "inputs that are forces or pressures", actuator.name)
+    arms = np.zeros((model.nu, model.nv))
+    mujoco.mju_sparse2dense(
+        arms, data.actuator_moment.ravel(), data.moment_rownnz, data.moment_rowadr,
+        data.moment_colind.ravel(),
+    )  # fmt: skip
+    own = range(twin.nu)
+    most = [max(abs(one.lower), abs(one.upper)) for one in twin.robot.actuators]
+    torques = np.abs(arms[own]) * np.array(most)[:, None]
+    found: np.ndarray = torques.max(axis=0, initial=0.0)[model.jnt_dofadr]
+    return found
 
 
 def _load(model: mujoco.MjModel, body: int, point: np.ndarray, mass: float) -> None:

@@ -27,6 +27,7 @@ from softdyn.validation.twin.bodies import read_bodies
 from softdyn.validation.twin.build import TASK_SITE, build
 from softdyn.validation.twin.cable_friction import CableFriction
 from softdyn.validation.twin.integrators import Integrator, integrator_of
+from softdyn.validation.twin.memory import MotionMemory
 from softdyn.validation.twin.obstacles import Contacts, add_obstacles
 from softdyn.validation.twin.own_forces import OwnForces
 from softdyn.validation.twin.rotors import coupling_tendons
@@ -113,6 +114,8 @@ class Twin(Separate):
         Collision shapes left out, each with the reason.
     touching : Contacts or None
         The contacts with solid obstacles, if there are any.
+    memory : MotionMemory
+        The Maxwell branches of the joints. Every start is at rest: their torques are zero.
 
     Raises
     ------
@@ -172,10 +175,12 @@ class Twin(Separate):
             if not friction:
                 self.model.dof_frictionloss[:] = 0.0
         self._own: OwnForces | None = None
-        if self.robot.forces:
+        self.memory = MotionMemory(self.model, self.robot)
+        if self.robot.forces or (self.memory and scheme is Integrator.RK4):
             self._own = OwnForces(
-                self.robot, self.model, self.data, StateMap(build_model(self.robot), self)
-            )
+                self.robot, self.model, self.data, StateMap(build_model(self.robot), self),
+                self.memory,
+            )  # fmt: skip
         self._lost = coupling_tendons(self.model)
         self.reset()
 
@@ -316,7 +321,7 @@ class Twin(Separate):
         """
         self._check_rotors()
         self.data.ctrl[: self.nu] = array("u", u, (self.nu,))
-        if self.cable_friction is None and self._own is None:
+        if self.cable_friction is None and self._own is None and not self.memory:
             mujoco.mj_step(self.model, self.data, steps)
         else:
             if self._own is not None:
@@ -324,10 +329,7 @@ class Twin(Separate):
             for _ in range(steps):
                 if self.cable_friction is not None:
                     self.cable_friction.update(self.data)
-                if self._own is None:
-                    mujoco.mj_step(self.model, self.data)
-                else:
-                    self._own.step()
+                self._step()
         check_warnings(self.data)
 
     def _check_rotors(self) -> None:
@@ -336,16 +338,33 @@ class Twin(Separate):
             expected = "joints of one branch with an armature: MuJoCo couples no others"
             raise InputError(f"tendon {self._lost[0]!r}", expected, 'others; plant="model" does')
 
+    def _step(self) -> None:
+        """One step with one's own forces, branches and hysteresis."""
+        memory, data = self.memory, self.data
+        if memory:
+            before = memory.places(data.qpos)
+        if self._own is None:
+            if memory:
+                data.qfrc_applied[:] = memory.force()
+            mujoco.mj_step(self.model, data)
+        else:
+            self._own.step()
+        if memory:
+            memory.follow(before, data.qpos, branches=self._own is None or not self._own.staged)
+
     def _forward(self) -> None:
         """Compute the derived quantities of the present state."""
         if self._own is not None:
             self._own.update()
+        elif self.memory:
+            self.data.qfrc_applied[:] = self.memory.force()
         mujoco.mj_forward(self.model, self.data)
 
     def _reset(self) -> None:
         mujoco.mj_resetData(self.model, self.data)
         if self._own is not None:
             self._own.forget()
+        self.memory.clear()
         if self.cable_friction is not None:
             self.cable_friction.clear()
 

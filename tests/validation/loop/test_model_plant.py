@@ -152,6 +152,7 @@ def test_it_is_a_plant(pcc):
         ("integrator", {"integrator": "euler"}),
         ("obstacles", {"surroundings": Surroundings([HalfSpace(normal=[0, 0, 1], offset=-0.5)])}),
         ("rig: plant.soft_stops", {"rig": Rig(plant=PlantErrors(soft_stops=True))}),
+        ("rig: plant.hysteresis", {"rig": Rig(plant=PlantErrors(hysteresis=0.1))}),
         ("rig", {"rig": Rig(friction=0.2)}), ("plant", {"plant": 3}),
     ],
 )  # fmt: skip

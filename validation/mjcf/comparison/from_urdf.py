@@ -14,6 +14,7 @@ from softdyn.description.inertia import Inertia
 from softdyn.description.rig import Actuator
 from softdyn.description.robot import (
     Fluid,
+    Joint,
     Robot,
     Site,
     Tendon,
@@ -24,6 +25,7 @@ from softdyn.description.robot import (
 )
 from softdyn.dynamics.wraps import RoundBodies, body_of, courses
 from softdyn.validation.mjcf.comparison.neutral import (
+    RELAXATION,
     WORLD,
     Coupling,
     Frame,
@@ -87,7 +89,8 @@ def from_urdf(robot: Robot) -> Neutral:
                 pose.rotation @ joint.axis, pose.translation, pieces.get(name, ()), pose,
                 joint.lower, joint.upper, efforts.get(joint.name, math.inf),
                 joint.armature, joint.damping, joint.friction, joint.stiffness, joint.rest,
-                joint.stiffness_poly, joint.damping_poly, shares.get(name, {}),
+                joint.stiffness_poly, joint.damping_poly,
+                shares.get(name, {}) | _branches(joint),
             )
         )  # fmt: skip
         walked.append(joint.name)
@@ -215,6 +218,12 @@ def _efforts(robot: Robot) -> dict[str, float]:
         if force > 0:
             found[term.joint] = min(found.get(term.joint, math.inf), force)
     return found
+
+
+def _branches(joint: Joint) -> dict[str, Numbers]:
+    """The Maxwell branches of a joint, a stiffness and a time each."""
+    numbers = tuple(number for branch in joint.relaxation for number in branch)
+    return {RELAXATION: numbers} if numbers else {}
 
 
 def _fluid(fluid: Fluid) -> dict[str, Numbers]:

@@ -23,6 +23,7 @@ from softdyn.validation.mjcf.transform import Transform
 
 Numbers = tuple[float, ...]
 FLUID = ("opt.density", "opt.viscosity")  # names of a fluid's numbers among the features
+RELAXATION = "relaxation"  # name of the Maxwell branches among a part's other properties
 WORLD = -1  # the parent of parts on the fixed root
 FREEDOMS = {"hinge": 1, "slide": 1, "ball": 3, "free": 6}
 STRAIGHT = 1e-9  # relative excess of a way that still counts as straight
