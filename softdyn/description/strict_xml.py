@@ -137,6 +137,15 @@ class Element:
             raise self.error(f"{expected} as {attribute}", repr(self.node.get(attribute)))
         return tuple(self.to_number(word, attribute) for word in words)
 
+    def numbers(self, attribute: str, most: int) -> tuple[float, ...]:
+        """At most `most` finite numbers; none if the attribute is missing."""
+        if self.node.get(attribute) is None:
+            return ()
+        words = self._words(attribute)
+        if len(words) > most:
+            raise self.error(f"at most {most} numbers as {attribute}", len(words))
+        return tuple(self.to_number(word, attribute) for word in words)
+
     def _words(self, attribute: str) -> list[str]:
         return [word for word in self.text(attribute).split(" ") if word]
 

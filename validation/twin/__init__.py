@@ -10,6 +10,7 @@
 - `state_map`: the convention map between a model's state and the twin's
 - `free_base`: a floating base in MuJoCo's variables, so that both engines integrate alike
 - `own_forces`: forces of a user's own, taken into each step
+- `chamber_areas`: areas of chambers that change with their stretch
 - `cable_friction`: friction of cables on their guides in MuJoCo's terms
 - `cable_course`: turns of a cable around round bodies, from MuJoCo's points of its path
 - `drives`: tendons, inputs and sensors in MuJoCo's terms

@@ -18,11 +18,13 @@ M + h D positive definite, where D has the damping of everything. Runge-Kutta ne
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
+from softdyn.description.robot import NO_FLUID
 from softdyn.dynamics.forces import STEP
 from softdyn.dynamics.mimic import build
 from softdyn.exceptions import InputError
@@ -31,6 +33,7 @@ from softdyn.validation.twin.integrators import Integrator
 
 if TYPE_CHECKING:
     from softdyn.description.robot import Robot
+    from softdyn.validation.twin.chamber_areas import ChamberAreas
     from softdyn.validation.twin.state_map import StateMap
 
 RK4_REACH = 2.78  # h λ of a decay; of an oscillation 2.82
@@ -49,6 +52,8 @@ class OwnForces:
         Its MuJoCo model, and the state that moves.
     states : StateMap
         The map from the model's states to MuJoCo's.
+    areas : ChamberAreas, optional
+        Areas of chambers, which change with the forces.
 
     Attributes
     ----------
@@ -62,15 +67,17 @@ class OwnForces:
     """
 
     def __init__(
-        self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, states: StateMap
-    ) -> None:
-        self._model, self._data, self._states = model, data, states
-        self._scratch, self._robot = mujoco.MjData(model), build(robot)
+        self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, states: StateMap,
+        areas: ChamberAreas | None = None,
+    ) -> None:  # fmt: skip
+        self._model, self._data, self._states, self._areas = model, data, states, areas
+        # MuJoCo adds a fluid's drag by itself
+        self._scratch, self._robot = mujoco.MjData(model), build(replace(robot, fluid=NO_FLUID))
         self.scheme = model.opt.integrator
         self.forget()
         self._slopes = all(hasattr(force, "derivatives") for force in robot.forces)
         if self.scheme == Integrator.RK4.mujoco and (model.na or model.actuator_delay.any()):
-            expected = "implicitfast with forces of one's own and motors that lag"
+            expected = "implicitfast with forces of one's own, or areas that change, and lag"
             raise InputError("integrator", expected, "rk4")
 
     def forget(self) -> None:
@@ -79,6 +86,8 @@ class OwnForces:
 
     def update(self) -> None:
         """Let F of the present state act."""
+        if self._areas is not None:
+            self._areas.update(self._data)
         self._data.qfrc_applied[:] = self._applied(self._data.qpos, self._data.qvel)
 
     def _applied(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
@@ -182,7 +191,7 @@ class OwnForces:
             The error names the step that would do.
         """
         model, data = self._model, self._data
-        if 0.0 <= data.time - self._checked < CHECKED:
+        if 0.0 <= data.time - self._checked < CHECKED or not self._robot.forces:
             return
         self._checked = float(data.time)
         self.update()

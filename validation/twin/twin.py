@@ -26,6 +26,7 @@ from softdyn.safety.obstacles import Obstacle
 from softdyn.validation.twin.bodies import read_bodies
 from softdyn.validation.twin.build import TASK_SITE, build
 from softdyn.validation.twin.cable_friction import CableFriction
+from softdyn.validation.twin.chamber_areas import ChamberAreas
 from softdyn.validation.twin.integrators import Integrator, integrator_of
 from softdyn.validation.twin.obstacles import Contacts, add_obstacles
 from softdyn.validation.twin.own_forces import OwnForces
@@ -108,6 +109,8 @@ class Twin(Separate):
         Index of each tendon of the robot among MuJoCo's tendons.
     cable_friction : CableFriction or None
         The friction of the robot's cables, if it acts.
+    areas : ChamberAreas or None
+        The areas of chambers that change with their stretch, if there are any.
     skipped : tuple[str, ...]
         Collision shapes left out, each with the reason.
     touching : Contacts or None
@@ -170,11 +173,12 @@ class Twin(Separate):
             self.cable_friction = CableFriction(self.model, self.robot)
             if not friction:
                 self.model.dof_frictionloss[:] = 0.0
+        changing = any(one.area_growth for one in self.robot.actuators)
+        self.areas = ChamberAreas(self.robot, self.model) if changing else None
         self._own: OwnForces | None = None
-        if self.robot.forces:
-            self._own = OwnForces(
-                self.robot, self.model, self.data, StateMap(build_model(self.robot), self)
-            )
+        if self.robot.forces or (changing and scheme is Integrator.RK4):
+            states = StateMap(build_model(self.robot), self)
+            self._own = OwnForces(self.robot, self.model, self.data, states, self.areas)
         self.reset()
 
     def amend(self, spec: mujoco.MjSpec) -> None:
@@ -311,7 +315,7 @@ class Twin(Separate):
             is.
         """
         self.data.ctrl[: self.nu] = array("u", u, (self.nu,))
-        if self.cable_friction is None and self._own is None:
+        if self.cable_friction is None and self._own is None and self.areas is None:
             mujoco.mj_step(self.model, self.data, steps)
         else:
             if self._own is not None:
@@ -320,6 +324,8 @@ class Twin(Separate):
                 if self.cable_friction is not None:
                     self.cable_friction.update(self.data)
                 if self._own is None:
+                    if self.areas is not None:
+                        self.areas.update(self.data)
                     mujoco.mj_step(self.model, self.data)
                 else:
                     self._own.step()
@@ -329,6 +335,8 @@ class Twin(Separate):
         """Compute the derived quantities of the present state."""
         if self._own is not None:
             self._own.update()
+        elif self.areas is not None:
+            self.areas.update(self.data)
         mujoco.mj_forward(self.model, self.data)
 
     def _reset(self) -> None:
