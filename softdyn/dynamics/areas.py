@@ -84,12 +84,11 @@ def areas_of(robot: Robot) -> Areas | None:
     most = max((len(one.area_growth) for one in robot.actuators), default=0)
     if most == 0:
         return None
-    tendons = {tendon.name: (k, bool(tendon.sites)) for k, tendon in enumerate(robot.tendons)}
-    rows = []
-    for one in robot.actuators:
-        place, is_path = tendons[one.tendon]
-        growth = (*one.area_growth, *[0.0] * (most - len(one.area_growth)))
-        length = one.area_length if one.area_growth else 1.0
-        rows.append((place, one.gear, growth, length * is_path, length))
-    tendon, gear, growth, start, length = (read_only(part) for part in zip(*rows, strict=True))
-    return Areas(tendon.astype(int), gear, growth, start, length)
+    order = [tendon.name for tendon in robot.tendons]
+    places = [order.index(one.tendon) for one in robot.actuators]
+    rows = [[*one.area_growth, *[0.0] * (most - len(one.area_growth))] for one in robot.actuators]
+    length = np.array([one.area_length if one.area_growth else 1.0 for one in robot.actuators])
+    is_path = [bool(robot.tendons[place].sites) for place in places]
+    gear = read_only([one.gear for one in robot.actuators])
+    start = read_only(np.where(is_path, length, 0.0))
+    return Areas(np.array(places), gear, read_only(rows), start, read_only(length))
