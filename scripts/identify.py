@@ -33,10 +33,11 @@ markers, --camera X Y Z RX RY RZ (m, rad) states it: a point p of the robot is s
 --relabel: the names of markers may change from row to row. Each marker is the point that makes the
 sum of squared distances least: with --static the model's in that row, else the last one seen.
 
-KIND is stiffness, damping, friction (dry), rest, armature, mass, gear, tendon_stiffness,
-tendon_damping, free_length (of an elastic cable), offset (the unknown zero of a length.TENDON),
-sensor_bias (of each reading), sensor_latency (of each sensor), or force (numbers of --force).
-force.NAME.FIELD is one number of a force; KIND.MEMBER is one member of any kind of a URDF.
+KIND is stiffness, damping, friction (dry), rest, armature, mass, gear (the area of a chamber),
+area_growth (its coefficients of the stretch), tendon_stiffness, tendon_damping, free_length (of an
+elastic cable), offset (the unknown zero of a length.TENDON), sensor_bias (of each reading),
+sensor_latency (of each sensor), or force (numbers of --force). force.NAME.FIELD is one number of a
+force; KIND.MEMBER is one member of any kind of a URDF.
 --free identifies each member in the file separately. --shared identifies one factor on the file's
 values of all members. The file's values are the first guess. If every joint is measured, samples
 near a stop are left out. Otherwise the run must begin at rest under its first input, and it is used

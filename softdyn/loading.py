@@ -7,11 +7,17 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from softdyn.description.library import bundled_file, bundled_name, find
 from softdyn.description.robot import EARTH
 from softdyn.description.urdf import parse, parse_text
 from softdyn.dynamics.mimic import build
 from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.projection import underlying_tree
+from softdyn.dynamics.tree import TreeModel
+from softdyn.exceptions import UrdfError
+from softdyn.plausible import least_area, reached_stretches
 
 
 def load(
@@ -51,8 +57,8 @@ def load(
         If there is no such robot or folder, for a force that does not meet
         `softdyn.dynamics.Force`, and for a gravity of another shape or one that is not finite.
     UrdfError
-        If the file cannot be used, or states another gravity. The message names file, element,
-        expected and got.
+        If the file cannot be used, or states another gravity; if a chamber's area is not above 0 at
+        a stretch that the inputs reach. The message names file, element, expected and got.
     """
     path = find(source)
     robot = parse(
@@ -63,6 +69,7 @@ def load(
     changed = annotations or floating or robot.gravity != EARTH
     bundled = None if changed else bundled_name(path)
     model = build(robot, bundled, forces=forces)
+    _check_areas(underlying_tree(model)[0])
     for warning in robot.warnings:
         warnings.warn(warning, stacklevel=2)
     return model
@@ -101,3 +108,22 @@ def load_text(
     file = None if bundled is None else bundled_file(bundled)
     same = file is not None and parse(file).digest == robot.digest
     return build(robot, bundled if same else None)
+
+
+def _check_areas(tree: TreeModel) -> None:
+    """Refuse an area that is not above 0 within the stretches that the inputs reach."""
+    if tree.areas is None:
+        return
+    arms = tree.tendon_moment_arms(tree.q0)[tree.actuated]
+    forces = np.sort(tree.gear * np.array([tree.u_min, tree.u_max]), axis=0)
+    for k, one in enumerate(tree.robot.actuators):
+        if one.area_growth:
+            reached = reached_stretches(arms, tree.stiffness, forces, k, one.area_length)
+            least, at = least_area(one.area_growth, reached)
+            if least <= 0:
+                low, high = reached
+                raise UrdfError(
+                    tree.robot.path, f'<softdyn><actuator name="{one.name}">',
+                    f"an area > 0 at stretches from {low:.3g} to {high:.3g}, which inputs reach",
+                    f"{least * one.gear:.3g} m² at {at:.3g}",
+                )  # fmt: skip

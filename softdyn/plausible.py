@@ -6,7 +6,9 @@ these rules find, `softdyn new` refuses it, and a rig's times are held against t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 from softdyn.description.rig import LONGEST_DELAY
 
@@ -52,6 +54,40 @@ def implausible_pressures(name: str, lower: float, upper: float) -> Iterator[str
         yield f"{name}: a pressure of {largest:.3g} Pa, {largest / 1e5:.3g} bar: in another unit?"
     if lower < -VACUUM:
         yield f"{name}: a gauge pressure of {lower:g} Pa, below a vacuum of {-VACUUM:g} Pa"
+
+
+def least_area(growth: Sequence[float], stretches: tuple[float, float]) -> tuple[float, float]:
+    """The least A(λ) / A(1) = 1 + g₁ (λ - 1) + g₂ (λ - 1)² + … between two λ, and its λ."""
+    at = np.linspace(*stretches, 201)
+    found = np.polynomial.polynomial.polyval(at - 1.0, (1.0, *growth))
+    k = int(np.argmin(found))
+    return float(found[k]), float(at[k])
+
+
+def reached_stretches(
+    arms: np.ndarray, stiffness: np.ndarray, forces: np.ndarray, k: int, length: float
+) -> tuple[float, float]:
+    """The least and the largest stretch λ that a robot's inputs together give to tendon k.
+
+    The robot is weightless, and its moment arms are constant. A joint without a spring does not
+    move.
+
+    Parameters
+    ----------
+    arms : ndarray, (m, n)
+        Moment arms of the tendon of each input (m/rad, m/m).
+    stiffness : ndarray, (n,)
+        Stiffness of each joint.
+    forces : ndarray, (2, m)
+        Least and largest force of each input along its tendon (N).
+    k : int
+        Number of the input.
+    length : float
+        Length of its tendon at λ = 1 (m).
+    """
+    firm = stiffness > 0
+    moved = arms[:, firm] @ (arms[k, firm] / stiffness[firm]) * forces / length
+    return 1.0 + float(moved.min(axis=0).sum()), 1.0 + float(moved.max(axis=0).sum())
 
 
 def too_slow(name: str, value: float, period: float) -> str | None:

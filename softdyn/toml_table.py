@@ -128,6 +128,22 @@ class TomlTable:
         read = self._number
         return tuple((read(name, one, 1.0), read(name, other, 1.0)) for one, other in value)
 
+    def rows(self, name: str, kind: str, width: int) -> list[tuple[float, ...]] | None:
+        """A list of lists of `width` numbers, the last in SI units; None if the key is missing."""
+        found = self._find(name, kind)
+        if found is None:
+            return None
+        key, factor = found
+        expected, value = f"a list of lists of {width} numbers", self.values[key]
+        fits = isinstance(value, list) and value
+        if not fits or any(not isinstance(row, list) or len(row) != width for row in value):
+            raise self.error(key, expected, repr(value))
+        factors = [*[1.0] * (width - 1), factor]
+        return [
+            tuple(self._number(key, x, by) for x, by in zip(row, factors, strict=True))
+            for row in value
+        ]
+
     def count(self, name: str, default: Any = REQUIRED, least: int = 1, most: int = 1000) -> Any:
         """A whole number."""
         expected = f"a whole number from {least} to {most}"

@@ -176,14 +176,18 @@ class Capstan:
         gain, damping = taut_slopes(model, state.lengths, rates)
         none = np.zeros(len(force))
         arm_rates = tendon_curvature(model, state.q, none, state.v)[1]
+        tree, _ = underlying_tree(model)
+        if tree.areas is not None:
+            slopes = tree.areas.slopes(state.lengths) * u
+            gain = gain - np.bincount(tree.actuated, slopes, len(gain))
         by_q = -lost.T @ (gain[:, None] * arms + damping[:, None] * arm_rates)
         by_q += self._bend(state, force[self.tendon] * (share - 1.0))
         turned = (sign * direction * self.friction)[:, None] * self._angle_gradients(state)
         by_angles = -share[:, None] * (self._downstream.T @ turned)
         by_q += guides.arms.T @ (force[self.tendon, None] * by_angles)
         by_v = -lost.T @ (damping[:, None] * arms)
-        tree, _ = underlying_tree(model)
-        return Derivatives(force @ lost, by_q, by_v, (tree.gear[:, None] * lost[tree.actuated]).T)
+        gears = tree.gears_at(state.lengths)
+        return Derivatives(force @ lost, by_q, by_v, (gears[:, None] * lost[tree.actuated]).T)
 
     def direction_gradients(self, state: State, u: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Gradients (n, guides) of `Guides.forces` by the directions; arguments as there."""
@@ -301,7 +305,7 @@ class Guides:
             Input.
         """
         state, model = self.state, self.capstan.model
-        force = tendon_forces(model, vector("u", u, model.nu))
+        force = tendon_forces(model, vector("u", u, model.nu), state.lengths)
         if model.stretches:
             rates = state.moment_arms @ state.v
             gain, damping = taut_gains(model, state.lengths, rates)

@@ -17,6 +17,7 @@ from softdyn.description.inertia import ZERO, Origin, Vector
 
 LONGEST_DELAY = 10.0  # s
 PASCAL = "Pa"
+MOST_GROWTH = 4  # coefficients of a chamber's area
 SMALLEST_WINCH = 1e-9  # gear, and stiffness (N/m), of a winch: its inverse stays finite
 
 
@@ -49,6 +50,11 @@ class Actuator:
     u · dV is the pressure's work, and gear · u is the force along the tendon. A valve has the
     command `force`, because it regulates u itself.
 
+    The coefficients g₁, g₂, … of `area_growth` make the area change with the stretch λ of the
+    chamber: A(λ) = gear · (1 + g₁ (λ - 1) + g₂ (λ - 1)² + …), with dV = A dℓ. A chamber over sites
+    has λ = ℓ / area_length. The length of joint terms is 0 at q = 0, so their chamber has
+    λ = 1 + ℓ / area_length.
+
     Attributes
     ----------
     name : str
@@ -79,6 +85,10 @@ class Actuator:
         --zero` measures it.
     unit : str
         The unit of u: ``Pa`` of a chamber. Without it u is a force, in units of the gear (N).
+    area_growth : tuple of float
+        Coefficients g of a chamber whose area changes with its stretch, at most four.
+    area_length : float
+        Length ℓ₀ (m) of such a chamber at the stretch 1, where its area is `gear`.
     """
 
     name: str
@@ -96,6 +106,8 @@ class Actuator:
     delay: float = 0.0
     offset: float = 0.0
     unit: str = ""
+    area_growth: tuple[float, ...] = ()
+    area_length: float = 0.0
 
     @property
     def is_chamber(self) -> bool:
@@ -125,7 +137,10 @@ class Actuator:
     @property
     def ideal(self) -> Actuator:
         """The same actuator with an input that acts at once."""
-        return Actuator(self.name, self.tendon, self.gear, self.lower, self.upper, unit=self.unit)
+        return Actuator(
+            self.name, self.tendon, self.gear, self.lower, self.upper, unit=self.unit,
+            area_growth=self.area_growth, area_length=self.area_length,
+        )  # fmt: skip
 
     @property
     def is_ideal(self) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 
 from softdyn.description.rig import (
     LONGEST_DELAY,
+    MOST_GROWTH,
     PASCAL,
     SMALLEST_WINCH,
     Actuator,
@@ -24,6 +25,7 @@ A_LINK, A_TENDON, A_JOINT = (f"the name of a {part}" for part in ("link", "tendo
 SPRING = "a spring"
 MOTOR = (
     "name", "tendon", "gear", "lower", "upper", "command", "lag", "rate", "delay", "offset", "unit",
+    "area_growth", "area_length",
 )  # fmt: skip
 WINCH = ("stiffness", "damping", "length_lower", "length_upper")
 COMMANDS = tuple(kind.value for kind in CommandKind)
@@ -74,11 +76,14 @@ def read_actuator(
         delay=_delay(element, "delay"),
         offset=element.number("offset", 0.0),
         unit=_unit(element),
+        area_growth=element.numbers("area_growth", MOST_GROWTH),
+        area_length=element.non_negative("area_length"),
     )  # fmt: skip
     if actuator.rate <= 0:
         raise element.error("rate > 0", actuator.rate)
     if actuator.is_chamber and not gear > 0:
         raise element.error("gear > 0, the area (m²) of a chamber", gear)
+    _check_growth(element, actuator, tendon, joints)
     if actuator.is_chamber and actuator.is_winch:
         raise element.error(f'command="force" beside unit="{PASCAL}"', actuator.command.value)
     if actuator.pushes and (tendon.slack or actuator.is_winch):
@@ -102,6 +107,19 @@ def _unit(element: Element) -> str:
     if element.node.get("unit") is None:
         return ""
     return element.one_of("unit", (PASCAL,), f'unit="{PASCAL}"')
+
+
+def _check_growth(
+    element: Element, actuator: Actuator, tendon: Tendon, joints: Mapping[str, Joint]
+) -> None:
+    """Refuse an area that changes, of an input that is no chamber or has no length."""
+    if actuator.area_growth and not actuator.is_chamber:
+        raise element.error(f'unit="{PASCAL}" beside area_growth', "none")
+    if bool(actuator.area_growth) != (actuator.area_length > 0):
+        got = f"an area_length of {actuator.area_length:g} m"
+        raise element.error("area_growth and an area_length > 0, both or neither", got)
+    for term in tendon.terms if actuator.area_growth else ():
+        check_position(element, joints[term.joint], "a chamber whose area changes")
 
 
 def _delay(element: Element, attribute: str) -> float:

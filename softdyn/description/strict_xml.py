@@ -127,15 +127,6 @@ class Element:
         one, other = (self.to_number(word, attribute) for word in words)
         return one, other
 
-    def numbers(self, attribute: str, most: int) -> tuple[float, ...]:
-        """At most `most` finite numbers in an attribute; none without it."""
-        if self.node.get(attribute) is None:
-            return ()
-        words = self._words(attribute)
-        if len(words) > most:
-            raise self.error(f"at most {most} numbers as {attribute}", len(words))
-        return tuple(self.to_number(word, attribute) for word in words)
-
     def components(self, attribute: str, size: int, default: float = 0.0) -> tuple[float, ...]:
         """One finite number, or `size` of them."""
         if self.node.get(attribute) is None:
@@ -144,6 +135,15 @@ class Element:
         if len(words) not in (1, size):
             expected = "one number" if size == 1 else f"one number or {size}"
             raise self.error(f"{expected} as {attribute}", repr(self.node.get(attribute)))
+        return tuple(self.to_number(word, attribute) for word in words)
+
+    def numbers(self, attribute: str, most: int) -> tuple[float, ...]:
+        """At most `most` finite numbers; none if the attribute is missing."""
+        if self.node.get(attribute) is None:
+            return ()
+        words = self._words(attribute)
+        if len(words) > most:
+            raise self.error(f"at most {most} numbers as {attribute}", len(words))
         return tuple(self.to_number(word, attribute) for word in words)
 
     def _words(self, attribute: str) -> list[str]:

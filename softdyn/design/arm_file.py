@@ -26,7 +26,7 @@ from softdyn.design.chain import (
     vector,
     visual,
 )  # fmt: skip
-from softdyn.design.layout import Layout, Spring, lay_out
+from softdyn.design.layout import Layout, Spring, disc_places, lay_out
 from softdyn.design.plausible import check
 from softdyn.design.rods import Arm, Section
 
@@ -88,7 +88,11 @@ def robot(layout: Layout) -> Robot:
         chain.pull(tendon, bounds, **words.get(cable.name, {}))
     for one in arm.chambers:
         pressures = Input(one.section_area, (one.min_pressure, one.max_pressure))
-        chain.pull(_tendon(layout, one), pressures, unit=PASCAL, **words.get(one.name, {}))
+        growth = {"area_growth": one.growth, "area_length": layout.length(one)}
+        chain.pull(
+            _tendon(layout, one), pressures, unit=PASCAL, **(growth if one.growth else {}),
+            **words.get(one.name, {}),
+        )  # fmt: skip
     sensors = [placed for sensor in arm.sensors for placed in _sensors(layout, sensor)]
     return chain.finish(
         tip, sensors=sensors, tasks=arm.tasks, gravity=arm.mount.gravity, fluid=arm.fluid
@@ -164,16 +168,6 @@ def _sensors(layout: Layout, sensor: ArmSensor) -> Iterator[Sensor]:
         yield replace(reading, name=next(names), link=f"segment_{k}", xyz=xyz)
     if reading.joint:
         yield reading
-
-
-def disc_places(arm: Arm, cable: Path) -> list[float]:
-    """Positions of the discs of a cable's sections along the arm (m)."""
-    last = cable.end % len(arm.sections)
-    return [
-        float(arm.starts[k] + section.length * (j + 1) / section.discs)
-        for k, section in list(enumerate(arm.sections))[cable.start : last + 1]
-        for j in range(section.discs)
-    ]
 
 
 # --- looks --------------------------------------------------------------------------------------

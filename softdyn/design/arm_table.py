@@ -8,8 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from lxml import etree
 
+from softdyn.checks import number
 from softdyn.description.rig import CommandKind, Sensor, SensorKind
 from softdyn.description.robot import EARTH, NO_FLUID, Fluid
 from softdyn.description.stated_task import StatedTask, read_tasks
@@ -33,6 +35,7 @@ from softdyn.toml_table import TomlTable
 ROUTINGS = {"channel": False, "discs": True}
 """Whether a cable runs straight from disc to disc."""
 MOTIONS = {name: name for name in ("bend", *FREEDOMS, "shear")}  # bend and shear name a pair each
+MOST_FITTED = 2  # degree of the polynomial through measured areas
 PAIRS = {"bend": ("bend_y", "bend_z"), "shear": ("shear_y", "shear_z")}
 
 
@@ -267,7 +270,7 @@ def _chambers(table: TomlTable, k: int, sections: list[str]) -> list[Chamber]:
         "straight": table.choice("routing", ROUTINGS, "channel"),
         "max_pressure": table.number("max_pressure", "pressure"),
         "min_pressure": table.number("min_pressure", "pressure", 0.0),
-        "area": table.number("area", "area", None),
+        **_area(table),
         "radius": table.number("radius", "length", None),
         "start": start,
         "end": end,
@@ -285,6 +288,25 @@ def _chambers(table: TomlTable, k: int, sections: list[str]) -> list[Chamber]:
         ]
     table.rest()
     return found
+
+
+def _area(table: TomlTable) -> dict[str, Any]:
+    """The area of a chamber: a number, coefficients of λ - 1, or values at stretches λ."""
+    given, measured = table.profile("area", "area", None), table.rows("areas", "area", 2)
+    if measured is not None:
+        if given is not None:
+            raise table.error("areas", "areas or area, not both", "both")
+        stretch, area = np.array(measured).T
+        degree = min(len(set(stretch.tolist())) - 1, MOST_FITTED)
+        given = np.polynomial.polynomial.polyfit(stretch - 1.0, area, degree).tolist()
+        if degree == 0:
+            raise table.error("areas", "areas at two stretches or more", "one")
+    if given is None or isinstance(given, float):
+        return {"area": given}
+    first, *more = given
+    with errors_in(table.where):
+        number("area at the stretch 1", first, above=0.0)
+    return {"area": first, "growth": tuple(one / first for one in more)}
 
 
 def _tasks(table: TomlTable, arm: Arm) -> tuple[StatedTask, ...]:

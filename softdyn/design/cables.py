@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from softdyn.checks import flag, instance, instances, number
-from softdyn.description.rig import LONGEST_DELAY, SMALLEST_WINCH, CommandKind, Sensor
+from softdyn.description.rig import LONGEST_DELAY, MOST_GROWTH, SMALLEST_WINCH, CommandKind, Sensor
 from softdyn.description.robot import MOST_FRICTION
 from softdyn.exceptions import InputError
 
@@ -120,6 +120,9 @@ class Chamber:
     length ℓ of its middle line it has the volume V = A ℓ. The gauge pressure p does the work
     p dV, so its force on the joints is p A ∂ℓ/∂q. Gas that is shut in is not modelled.
 
+    A chamber whose walls give way has an area that depends on its stretch λ, its length over that
+    in the straight arm: A(λ) = area · (1 + g₁ (λ - 1) + g₂ (λ - 1)² + …), and dV = A dℓ.
+
     Attributes
     ----------
     angle : float
@@ -129,12 +132,15 @@ class Chamber:
     max_pressure, min_pressure : float
         Bounds of the gauge pressure (Pa); below 0 it is a vacuum.
     area, radius : float, optional
-        Area A of the cross-section (m²), or the radius of a round one (m): one of them.
+        Area A of the cross-section (m²), or the radius of a round one (m): one of them. With a
+        `growth` it is that at the stretch 1.
     start, end : int
         Index of the first and the last section.
     straight : bool
         Whether it runs straight from disc to disc, as bellows do; else it lies in the body.
     name : str
+    growth : tuple of float
+        The coefficients g, at most four; none for an area that does not change.
     """
 
     angle: float
@@ -147,6 +153,7 @@ class Chamber:
     min_pressure: float = 0.0
     straight: bool = False
     name: str = "chamber"
+    growth: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         check_name(self.name)
@@ -162,11 +169,15 @@ class Chamber:
         if (self.area is None) == (self.radius is None):
             raise InputError("area", "area or radius", "neither" if self.area is None else "both")
         positive(self, "radius" if self.area is None else "area")
+        for value in instances("growth", self.growth, object, "a number"):
+            number("growth", value)
+        if len(self.growth) > MOST_GROWTH:
+            raise InputError("growth", f"at most {MOST_GROWTH} numbers", len(self.growth))
         flag("straight", self.straight)
 
     @property
     def section_area(self) -> float:
-        """The area A (m²) of its cross-section."""
+        """The area A (m²) of its cross-section, at the stretch 1."""
         return self.area if self.area is not None else math.pi * float(self.radius or 0.0) ** 2
 
     @property

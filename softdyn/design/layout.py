@@ -21,6 +21,7 @@ from softdyn.design.cables import Cable, Chamber, Path
 from softdyn.design.rods import Arm, Plate, Section
 from softdyn.exceptions import InputError
 
+PIECES = 64  # of a line in the body, for its length
 SLICE = np.polynomial.legendre.leggauss(12)  # for integrals over the cross-section's profile
 
 
@@ -184,6 +185,24 @@ class Layout:
                 moved = np.cross(axis, cable.place(at)) if spring.freedom.turns else axis
                 found.append(float(tangent @ moved / np.linalg.norm(tangent)))
         return np.array(found)
+
+    def length(self, line: Path) -> float:
+        """Length (m) of a cable or a chamber in the straight arm."""
+        start, end = self.arm.way(line)
+        places = [start, *disc_places(self.arm, line)]
+        at = np.array(places if line.straight else np.linspace(start, end, PIECES + 1))
+        points = np.array([x * X + line.place((x - start) / (end - start)) for x in at])
+        return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def disc_places(arm: Arm, cable: Path) -> list[float]:
+    """Positions of the discs of a cable's sections along the arm (m)."""
+    last = cable.end % len(arm.sections)
+    return [
+        float(arm.starts[k] + section.length * (j + 1) / section.discs)
+        for k, section in list(enumerate(arm.sections))[cable.start : last + 1]
+        for j in range(section.discs)
+    ]
 
 
 def lay_out(arm: Arm) -> Layout:

@@ -24,6 +24,8 @@ from softdyn.plausible import (
     VACUUM,
     WEIGHT,
     implausible_pressures,
+    least_area,
+    reached_stretches,
     too_strong,
 )
 
@@ -52,6 +54,8 @@ HINT = "or set unusual = true if it is meant"
 def check(layout: Layout) -> None:
     """Refuse misplaced cables and sensors and, unless `arm.unusual`, numbers that no soft arm has.
 
+    An area that is not above 0 within the reach of the inputs is always refused.
+
     Raises
     ------
     InputError
@@ -62,6 +66,7 @@ def check(layout: Layout) -> None:
         _check_place(arm, cable)
         _check_effect(layout, cable)
     _check_room(arm)
+    _check_growth(layout)
     joints = {spring.name for spring in layout.all_springs}
     for sensor in arm.sensors:
         joint = sensor.reading.joint
@@ -228,6 +233,29 @@ def _check_circles(arm: Arm, k: int, at: float, chambers: list[Chamber], where: 
                 expected = f"{name!r} and {one.name!r} at least {1e3 * least:.4g} mm apart"
                 raise InputError(where, expected, f"{1e3 * apart:.4g} mm")
         before.append((one.name, radius, place))
+
+
+def _check_growth(layout: Layout) -> None:
+    """Refuse a chamber whose area is not above 0 at a stretch that the inputs reach."""
+    paths = layout.arm.paths
+    if not any(isinstance(one, Chamber) and one.growth for one in paths):
+        return
+    arms = np.array([layout.coefficients(one) for one in paths])
+    stiffness = np.array([spring.stiffness for spring in layout.all_springs])
+    forces = np.array([
+        (one.section_area * one.min_pressure, one.section_area * one.max_pressure)
+        if isinstance(one, Chamber) else (-one.max_tension, 0.0)
+        for one in paths
+    ]).T  # fmt: skip
+    for k, one in enumerate(paths):
+        if isinstance(one, Chamber) and one.growth:
+            reached = reached_stretches(arms, stiffness, forces, k, layout.length(one))
+            least, at = least_area(one.growth, reached)
+            if least <= 0:
+                low, high = reached
+                where = f"an area > 0 at stretches from {low:.3g} to {high:.3g}, which inputs reach"
+                got = f"{1e6 * least * one.section_area:.3g} mm² at {at:.3g}"
+                raise InputError(f"{_named(one)}: area", where, got)
 
 
 def _check_effect(layout: Layout, cable: Path) -> None:

@@ -11,6 +11,7 @@
   tendons that run around such bodies;
 - `points`: a point of a body, its Jacobian and the Jacobian's derivative;
 - `coordinates`: places in q of each joint: continuous joints, floating bases;
+- `areas`: chambers whose area changes with their stretch;
 - `curves`: springs and dampers that are not linear;
 - `buoyancy`: the buoyancy of links;
 - `relaxation`: Maxwell branches beside the springs of joints, for materials that creep;

@@ -19,7 +19,8 @@ The armature m of a tendon adds m α αᵀ to M, and takes m (α · a + vᵀ H v
 
     by q: m α (H a + ∂(vᵀ H v)/∂q)ᵀ,    by v: 2 m α (H v)ᵀ.
 
-A slack tendon without tension has k = d = 0. The cable of a winch adds its own k and d
+A chamber whose area changes takes Σ u ∂gear/∂ℓ from k (`softdyn.dynamics.areas`). A slack tendon
+without tension has k = d = 0. The cable of a winch adds its own k and d
 (`softdyn.dynamics.winches`).
 
 The disturbances d act through E:
@@ -152,9 +153,11 @@ class ForceBalance:
             self._point = Scratch(_point_mass(tree.engine, self._tip))
         motors = model.robot.actuators if motors is None else motors
         self._winches = Winches(model, motors) if any(one.is_winch for one in motors) else None
-        self._pulls_back = self._winches is not None or tree.stretches
-        self._gears = np.zeros((len(tree.tendons.names), tree.nu))
-        self._gears[tree.actuated, np.arange(tree.nu)] = tree.gear
+        changes = self._winches is not None or tree.areas is not None
+        self._pulls_back = changes or tree.stretches
+        self._acts = np.zeros((len(tree.tendons.names), tree.nu))
+        self._acts[tree.actuated, np.arange(tree.nu)] = 1.0
+        self._gears = self._acts * tree.gear
         self._slope = -self._gears
 
     def __call__(
@@ -212,20 +215,22 @@ class ForceBalance:
         by_q, by_v, M = (np.array(block.reshape(n, n), order="C") for block in blocks)
         r, geometry = np.array(data.tau), tree.tendons.at(coordinates, *tree.last_kinematics())
         lengths, arms = geometry.lengths, geometry.moment_arms
-        passive, u, slope = (
-            tree.passive_forces(coordinates, lengths, arms, v),
-            commands,
-            self._slope,
-        )
+        passive, u = tree.passive_forces(coordinates, lengths, arms, v), commands
+        gears, slope = self._gears, self._slope
+        if tree.areas is not None:
+            gears = self._acts * tree.areas.gears(lengths)
+            slope = -gears
         gain, damping = passive.gain, passive.damping
         by_v += passive.by_v
         if self._winches is not None:
             found = self._winches.inputs(lengths, arms @ v, commands)
             u, slope = found[0], slope * found[3]
-            by_length, by_rate = (self._gears @ one for one in found[1:3])
+            by_length, by_rate = (gears @ one for one in found[1:3])
             gain, damping = gain - by_length, damping - by_rate
             by_v -= arms.T @ (by_rate[:, None] * arms)
-        pull = self._gears @ u
+        if tree.areas is not None:
+            gain = gain - self._acts @ (u * tree.areas.slopes(lengths))
+        pull = gears @ u
         if tree.rotors:
             rates, seconds = geometry.arm_rates(v)
             momenta = tree.tendon_armature[:, None] * arms

@@ -160,9 +160,9 @@ def mass_columns(model: SoftModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) 
 def stiffness(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Tangent stiffness (nv, nv) ∂(K + g - F - B u)/∂q, the Hessian of the potential.
 
-    The potential is U(q) + U_s(q) - Σ gear u ℓ(q), and that of one's own forces. An equilibrium
-    with a positive definite stiffness is stable. With a force that has no potential the stiffness
-    need not be symmetric.
+    The potential is U(q) + U_s(q) - Σ u V(q), V = gear ℓ, and that of one's own forces. An
+    equilibrium with a positive definite stiffness is stable. With a force that has no potential the
+    stiffness need not be symmetric.
 
     Parameters
     ----------
@@ -190,10 +190,20 @@ def gravity_stiffness(model: SoftModel, q: np.ndarray) -> np.ndarray:
     return project(S, np.reshape(np.array(hessian), (tree.nv, tree.nv)))
 
 
-def tendon_forces(model: SoftModel, u: np.ndarray) -> np.ndarray:
-    """Force (tendons,) Σ gear u of the actuators along each tendon: B u = Σ aₜᵀ f_t."""
+def tendon_forces(model: SoftModel, u: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """Force (tendons,) Σ gear u of the actuators along each tendon: B u = Σ aₜᵀ f_t.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot's model.
+    u : ndarray, (m,)
+        Input.
+    lengths : ndarray, (tendons,)
+        Tendon lengths, on which the area of a chamber may depend.
+    """
     tree, _ = underlying_tree(model)
-    forces = np.bincount(tree.actuated, tree.gear * u, len(model.tendons.names))
+    forces = np.bincount(tree.actuated, tree.gears_at(lengths) * u, len(model.tendons.names))
     return forces.astype(float)  # without actuators bincount returns integers
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from softdyn.checks import array, length, read_only, vector
 from softdyn.description.robot import Robot
 from softdyn.dynamics import text
+from softdyn.dynamics.areas import areas_of
 from softdyn.dynamics.curves import Curves, curves_of
 from softdyn.dynamics.tendons import Tendons
 from softdyn.exceptions import InputError
@@ -417,7 +418,7 @@ class State:
     D : ndarray, (n, n)
         Damping of joints and tendons, without slack ones.
     B : ndarray, (n, m)
-        Input matrix, Σ gear · (∂ℓ/∂q)ᵀ.
+        Input matrix, Σ gear · (∂ℓ/∂q)ᵀ, with the area at q of a chamber whose area changes.
     h : ndarray, (n,)
         C q̇ + D q̇ + K + g - F.
     J, Jdot : ndarray, (3, n)
@@ -455,9 +456,10 @@ class State:
     def __post_init__(self) -> None:
         # Compiled kernels trust shapes and memory layouts. A wrong shape would let them read beyond
         # an array; another layout would make Numba compile them again.
+        varies = _inputs_vary(self.model)
         for name, shape in _shapes(self.model).items():
             value = array(name, getattr(self, name), shape, finite=False)
-            if name == "B" and self.model.tendons.spatial:
+            if name == "B" and varies:
                 value = np.asfortranarray(value)  # the layout of the model's own B
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
@@ -570,7 +572,7 @@ class StateBatch:
 
     def __getitem__(self, number: int) -> State:
         terms = {name: getattr(self, name)[number] for name in self._names}
-        if not terms["B"].flags.f_contiguous and self.model.tendons.spatial:
+        if not terms["B"].flags.f_contiguous and _inputs_vary(self.model):
             terms["B"] = np.asfortranarray(terms["B"])  # the layout of the model's own B
             terms["B"].flags.writeable = False
         return State.trusted(model=self.model, **terms)
@@ -592,6 +594,11 @@ def check_batch(model: SoftModel, Q: Any, V: Any) -> tuple[np.ndarray, np.ndarra
     """
     Q = array("Q", Q, (length("Q", Q), model.nq))
     return Q, array("V", V, (len(Q), model.nv))
+
+
+def _inputs_vary(model: SoftModel) -> bool:
+    """Whether B depends on q."""
+    return model.tendons.spatial or areas_of(model.robot) is not None
 
 
 def _shapes(model: SoftModel) -> dict[str, tuple[int, ...]]:

@@ -104,8 +104,9 @@ def input_lines(robot: Robot) -> Iterator[str]:
     yield f"inputs: {len(actuators)}"
     shown = [
         f"{a.name:<22} [{a.lower:g}, {a.upper:g}] "
-        + (f"Pa on {a.gear:g} m² along" if a.is_chamber else f"times {a.gear:g} on")
-        + f" tendon {a.tendon}"
+        + (f"Pa on {a.gear:g} m²" if a.is_chamber else f"times {a.gear:g} on")
+        + " at the stretch 1" * bool(a.area_growth)
+        + f"{' along' * a.is_chamber} tendon {a.tendon}"
         for a in actuators
     ]
     if len(shown) > LISTED:

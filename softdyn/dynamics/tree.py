@@ -14,6 +14,7 @@ from softdyn.checks import did_you_mean, read_only, vector
 from softdyn.compiled import COMPILES
 from softdyn.description.robot import Robot
 from softdyn.dynamics import kernels
+from softdyn.dynamics.areas import areas_of
 from softdyn.dynamics.buoyancy import Buoyancy
 from softdyn.dynamics.coordinates import Coordinates
 from softdyn.dynamics.curves import curves_of
@@ -93,9 +94,11 @@ class TreeModel(SoftModel):
     unforced : TreeModel
         The same model without forces of one's own; forces are called with it.
     gear : ndarray, (m,)
-        Force of each input along its tendon for u = 1.
+        Force of each input along its tendon for u = 1; at the stretch 1 if it changes.
     rotors : bool
         Whether a tendon has an armature.
+    areas : Areas or None
+        The gears where a chamber's area changes with its stretch.
     actuated : ndarray of int, (m,)
         The tendon of each input.
 
@@ -154,11 +157,12 @@ class TreeModel(SoftModel):
         )
         # B = Σ gear (∂ℓ/∂q)ᵀ over the actuators of each tendon
         self.gear = read_only([actuator.gear for actuator in robot.actuators])
+        self.areas = areas_of(robot)
         self.actuated = np.array(
             [self.tendons.names.index(actuator.tendon) for actuator in robot.actuators], int
         )
         self._fixed_arms = read_only(self.tendons.coefficients)
-        self._fixed_B = read_only(self._input_matrix(self._fixed_arms))
+        self._fixed_B = read_only((self.gear[:, None] * self._fixed_arms[self.actuated]).T)
         self._fixed_D = read_only(self._damping_matrix(self._fixed_arms, self.tendon_damping))
         self._pack(moves)
         self._points: dict[tuple[str | float, ...], BodyPoint] = {}
@@ -217,7 +221,8 @@ class TreeModel(SoftModel):
         self._wraps = bool(tendons.wraps)
         if not self._wraps:
             self._constants += (tendons.offset, tendons.coefficients, *tendons.segments)
-        count, self._spatial = len(tendons.names), tendons.spatial
+        # whether moment arms or B depend on q
+        count, self._spatial = len(tendons.names), tendons.spatial or self.areas is not None
         self._joint_rows = self.nv + kernels.JOINT_TERMS + count + self.nu, self.nv
         self._tip_and_lengths = 6 + count
         self.rotors = bool(self.tendon_armature.any())
@@ -247,7 +252,7 @@ class TreeModel(SoftModel):
 
     def states(self, Q: np.ndarray, V: np.ndarray) -> StateBatch:
         """The States of k configurations and velocities, equal to those of `state` to the bit."""
-        own = self._curved or self.rotors or bool(self._forces)
+        own = self._curved or self.rotors or bool(self._forces) or self.areas is not None
         if self.tendons.wraps or own or not COMPILES:
             return SoftModel.states(self, Q, V)
         Q, V = check_batch(self, Q, V)
@@ -338,6 +343,8 @@ class TreeModel(SoftModel):
         if self._forces:
             F = self.forces_at(q, v)
             kernels.joint_terms(joint_rows)[5][:] -= F
+        if self.areas is not None:  # the kernel knows constant gears alone
+            self._grow_areas(joint_rows, tip_and_lengths)
         for filled in (q, v, joint_rows, tip_and_lengths):
             filled.flags.writeable = False
         M, J, Jdot, bias, K, h, g = kernels.joint_terms(joint_rows)
@@ -373,6 +380,12 @@ class TreeModel(SoftModel):
         h[:] = bias + D @ v + K
         return D
 
+    def _grow_areas(self, joint_rows: np.ndarray, tip_and_lengths: np.ndarray) -> None:
+        """Write B anew, with the areas of chambers that change with their stretch."""
+        lengths = kernels.tip_terms(tip_and_lengths)[2]
+        arms, inputs = kernels.tendon_terms(joint_rows, len(lengths))
+        inputs[:] = self._input_matrix(arms, lengths).T
+
     def _in_numpy(
         self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: ThreadScratch
     ) -> State:
@@ -391,9 +404,9 @@ class TreeModel(SoftModel):
         coordinates = self.chart.of(q)
         geometry, arms, B = self._geometry(coordinates), self._fixed_arms, self._fixed_B
         lengths = geometry.lengths
-        if self.tendons.spatial:
+        if self._spatial:
             arms = geometry.moment_arms
-            B = self._input_matrix(arms)
+            B = self._input_matrix(arms, lengths)
         K, D, *_ = self.passive_forces(coordinates, lengths, arms, v)
         bias = data.nle
         if self.rotors:
@@ -657,8 +670,12 @@ class TreeModel(SoftModel):
         frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
         return frame.parentJoint, frame.placement.act(np.array(xyz))
 
-    def _input_matrix(self, arms: np.ndarray) -> np.ndarray:
-        return (self.gear[:, None] * arms[self.actuated]).T
+    def gears_at(self, lengths: np.ndarray) -> np.ndarray:
+        """Force (m,) of each input along its tendon for u = 1, at tendon lengths (tendons,)."""
+        return self.gear if self.areas is None else self.areas.gears(lengths)
+
+    def _input_matrix(self, arms: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+        return (self.gears_at(lengths)[:, None] * arms[self.actuated]).T
 
     def _damping_matrix(self, arms: np.ndarray, tendon_damping: np.ndarray) -> np.ndarray:
         return np.diag(self.damping) + arms.T @ (tendon_damping[:, None] * arms)

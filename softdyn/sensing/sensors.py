@@ -312,10 +312,13 @@ def _length(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
 def _tension(at: Moment, place: Place, rows: slice, out: SensorReadings) -> None:
     t, tree = place.number, at.tree
     gain, damping, tension = at.elasticity
-    pulls = np.where(tree.actuated == t, -tree.gear, 0.0)
-    arms = at.cables[1][t]
+    lengths, arms = at.cables[0], at.cables[1][t]
+    pulls = np.where(tree.actuated == t, -tree.gears_at(lengths), 0.0)
     out.values[rows] = tension[t] + pulls @ at.u
     out.by_q[rows] = gain[t] * arms
+    if tree.areas is not None:
+        slopes = np.where(tree.actuated == t, tree.areas.slopes(lengths), 0.0)
+        out.by_q[rows] -= (slopes @ at.u) * arms
     if damping[t]:
         out.by_q[rows] += damping[t] * at.arm_rates[t]
     out.by_v[rows] = damping[t] * arms

@@ -1,8 +1,9 @@
 """An equilibrium under given inputs: its forces, stiffness and stability.
 
 At rest M q̈ + C q̇ + D q̇ + K + g = B u + F becomes r(q, u) = K + g - F - B u = 0. r is the gradient
-of the potential Π = U(q) + U_s(q) + U_F(q) - Σ gear u ℓ(q), if all forces F of one's own have a
-potential. A joint at a limit may be pressed against it:
+of the potential Π = U(q) + U_s(q) + U_F(q) - Σ u V(q), if all forces F of one's own have a
+potential. V is gear ℓ(q), or the volume of a chamber whose area changes (`softdyn.dynamics.areas`).
+A joint at a limit may be pressed against it:
 
     r_i = 0 inside,   r_i ≥ 0 at the lower limit,   r_i ≤ 0 at the upper one.
 
@@ -24,6 +25,7 @@ from softdyn.checks import array, instance
 from softdyn.copies import Frozen
 from softdyn.dynamics.derivatives import tendon_forces, total_damping
 from softdyn.dynamics.model import SoftModel, State, check_model
+from softdyn.dynamics.projection import underlying_tree
 from softdyn.exceptions import InputError, SoftdynError
 
 ROUNDING = 1e-12  # of the forces, over a radian or a metre; a stiffness below it is rounding
@@ -277,9 +279,14 @@ def residual(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 
 def potential(model: SoftModel, q: np.ndarray, u: np.ndarray) -> float:
-    """Π = U + U_s + U_F - Σ gear u ℓ (J); its minima are stable equilibria under constant inputs.
+    """Π = U + U_s + U_F - Σ u V (J); its minima are stable equilibria under constant inputs.
 
     U_F is the energy of those forces of one's own that have one.
     """
-    forces = tendon_forces(model, array("u", u, (check_model(model).nu,)))
-    return model.potential_energy(q) - float(forces @ model.tendon_lengths(q))
+    u, lengths = array("u", u, (check_model(model).nu,)), model.tendon_lengths(q)
+    areas = underlying_tree(model)[0].areas
+    if areas is None:
+        work = tendon_forces(model, u, lengths) @ lengths
+    else:
+        work = u @ areas.volumes(lengths)
+    return model.potential_energy(q) - float(work)

@@ -19,7 +19,7 @@ ROBOT = parse_text(ARM, path=Path("arm.urdf"))
 OTHER = {
     "command": CommandKind.LENGTH, "stiffness": 900.0, "damping": 2.0, "length_lower": 0.1,
     "length_upper": 0.2, "lag": 0.02, "rate": 3.0, "delay": 0.005,
-    "offset": 0.01, "unit": "Pa",
+    "offset": 0.01, "unit": "Pa", "area_growth": (0.5,), "area_length": 0.1,
 }  # fmt: skip
 
 
@@ -37,7 +37,8 @@ def test_every_other_field_is_in_the_text_and_in_the_digest() -> None:
     for name, value in OTHER.items():
         changed = replace(ideal, **{name: value})
         assert f", {name}={value!r})" in repr(changed)
-        assert changed.is_ideal == (name == "unit")  # a chamber's pressure may act at once
+        # a chamber's pressure may act at once
+        assert changed.is_ideal == (name in ("unit", "area_growth", "area_length"))
         digests.add(replace(ROBOT, actuators=(ROBOT.actuators[0], changed)).digest)
     assert len(digests) == 1 + len(OTHER)
 

@@ -11,9 +11,10 @@ import softdyn
 from softdyn import InputError, design, statics
 from softdyn.description.urdf import parse_text
 from softdyn.description.urdf_writer import write
-from softdyn.dynamics import Fluid
+from softdyn.dynamics import Fluid, Wrench
 from softdyn.dynamics.mimic import build
 from softdyn.validation import compare, crosscheck
+from softdyn.validation.twin.twin import Twin
 from tests.proof.crosschecks.random_robots import random_urdf
 from tests.support.command import command
 from tests.support.micro import FLOATING, GRIPPER
@@ -70,6 +71,18 @@ def test_it_brakes_and_moves_no_equilibrium() -> None:
     u = 0.2 * dry.u_max
     assert statics.settle(water, u).q == pytest.approx(statics.settle(dry, u).q, abs=1e-9)
     assert (water.robot.digest, water.robot.fluid) != (dry.robot.digest, dry.robot.fluid)
+
+
+def test_the_twin_counts_it_once_beside_forces_of_one_s_own() -> None:
+    water, speed = ROBOTS["finger"](), np.array([1.0, -2.0, 0.5, 3.0])
+    wrench = Wrench(water.robot.task, force=(0.0, 0.0, 0.0))
+    ends = []
+    for model in (water, water.with_forces(wrench)):
+        twin = Twin(model)
+        twin.set_state(np.zeros(water.nv), speed)
+        twin.advance(np.zeros(water.nu), 20)
+        ends.append(twin.qvel)
+    np.testing.assert_allclose(*ends, rtol=1e-9)
 
 
 def test_a_file_a_table_and_mjcf_state_it(tmp_path) -> None:

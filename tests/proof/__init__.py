@@ -7,6 +7,7 @@ of them.
 - `robots`, `crosschecks`: all of example-robot-data, or random robots, cross-checked;
 - `pairs`, `mjcf`: public URDFs and MJCFs of the same robots, compared;
 - `wraps`: cables around cylinders and spheres, against MuJoCo and by differences;
+- `pressed_arm`: chambers under pressure, against published measurements of a real arm;
 - `rig_faults`: runs on a served rig that fail at random times;
 - `planted`: `compare` against defects planted in random robots;
 - `pictures`, `gallery`, `film`: the documents' pictures, the replays of the site, clips;

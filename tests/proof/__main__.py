@@ -14,7 +14,7 @@ PROGRAMS = (
     "compare_steps", "scaling", "rig_faults",
     "rests", "poses", "scenes", "near_far", "barrier_time", "obstacle", "estimates.forces",
     "tables", "pictures", "gallery", "batches", "episodes", "weights",
-    "wraps", "discrete_steps", "shortest_way",
+    "wraps", "discrete_steps", "shortest_way", "pressed_arm",
 )  # fmt: skip
 
 # a program's name → its module

@@ -744,6 +744,14 @@ RIG = [
            "gear > 0, the area (m²) of a chamber", "-1.0"),
     Misuse("chamber on a winch", u2(f'{FREE_LENGTH} unit="Pa"', CHAMBER.replace("5e4", "0")),
            f"<softdyn>{U2}", 'command="force" beside unit="Pa"', "length"),
+    Misuse("area that changes, of a force", u2('area_growth="1" area_length="0.1"'),
+           f"<softdyn>{U2}", 'unit="Pa" beside area_growth', "none"),
+    Misuse("area that changes, without its length", u2('unit="Pa" area_growth="1"', CHAMBER),
+           f"<softdyn>{U2}", "area_growth and an area_length > 0, both or neither",
+           "an area_length of 0 m"),
+    Misuse("more coefficients of an area than four", u2(
+           'unit="Pa" area_growth="1 1 1 1 1" area_length="0.1"', CHAMBER),
+           f"<softdyn>{U2}", "at most 4 numbers as area_growth", "5"),
     Misuse("rate that is not finite", u2('rate="inf"'), f"<softdyn>{U2}",
            "a finite number as rate", "'inf'", row=False),
 ]  # fmt: skip

@@ -27,6 +27,8 @@ DEFAULTS = {
     "joint": "required",
     "to": "required",
     "unit": "a force",
+    "area_growth": "none",
+    "area_length": "none",
 }
 
 

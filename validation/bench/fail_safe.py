@@ -224,5 +224,7 @@ def _most(model: SoftModel, sensor: Sensor) -> float:
     if tendon.stiffness or tendon.damping:  # its own spring adds what the motors do not bound
         return np.inf
     motors = [one for one in robot.actuators if one.tendon == sensor.tendon]
+    if any(one.area_growth for one in motors):
+        return np.inf
     bound = sum(max(abs(one.gear * one.lower), abs(one.gear * one.upper)) for one in motors)
     return bound * (1 + MARGIN) + DEVIATIONS * max(sensor.noise) + float(sensor.bias[0])

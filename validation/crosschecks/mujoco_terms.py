@@ -14,6 +14,7 @@ import numpy as np
 
 from softdyn.validation.mjcf.scene import Scene
 from softdyn.validation.mjcf.servos import as_forces
+from softdyn.validation.twin.chamber_areas import ChamberAreas
 from softdyn.validation.twin.free_base import rk4_on_rotations
 from softdyn.validation.twin.integrators import Integrator
 from softdyn.validation.twin.memory import MotionMemory
@@ -72,10 +73,13 @@ class MujocoTerms:
         paths = bool((self._model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE).any())
         self._damping_varies = paths and bool(self._model.tendon_damping.any())
         self.mass = float(self._model.body_mass[1:].sum())
+        self._areas: ChamberAreas | None = None
+        if isinstance(twin, Twin) and twin.areas is not None:
+            self._areas = ChamberAreas(twin.robot, self._model)
         self._own: OwnForces | None = None  # given ones, which MuJoCo does not judge
-        if twin.robot.forces:
+        if twin.robot.forces or self._areas is not None:
             rested = MotionMemory(self._model, twin.robot)
-            self._own = OwnForces(twin.robot, self._model, self._data, states, rested)
+            self._own = OwnForces(twin.robot, self._model, self._data, states, rested, self._areas)
 
     # -- at one state --------------------------------------------------------------------------
 
@@ -87,6 +91,8 @@ class MujocoTerms:
         self._rate = self.states.velocity_map_rate(qpos, self._qvel)
         mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[:] = qpos
+        if self._areas is not None:
+            self._areas.update(self._data)
         mujoco.mj_fwdPosition(self._model, self._data)
         self._velocity(self._qvel)
         if self._own is not None:

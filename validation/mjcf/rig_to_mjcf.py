@@ -119,6 +119,8 @@ def lost_rig(robot: Robot) -> Iterator[str]:
     for actuator in robot.actuators:
         if actuator.is_chamber:
             yield f"actuator {actuator.name!r}: that its input is a pressure in {actuator.unit}"
+        if actuator.area_growth:
+            yield f"actuator {actuator.name!r}: that its area changes with its stretch"
         if math.isfinite(actuator.rate):
             yield f"actuator {actuator.name!r}: the bound {actuator.rate:g}/s of its command's rate"
         if actuator.is_speed and actuator.lag:

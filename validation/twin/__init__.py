@@ -12,6 +12,7 @@
 - `free_base`: a floating base in MuJoCo's variables, so that both engines integrate alike
 - `rotors`: the part of tendons' armatures in M that MuJoCo leaves out
 - `own_forces`: forces of a user's own, taken into each step
+- `chamber_areas`: areas of chambers that change with their stretch
 - `cable_friction`: friction of cables on their guides in MuJoCo's terms
 - `cable_course`: turns of a cable around round bodies, from MuJoCo's points of its path
 - `drives`: tendons, inputs and sensors in MuJoCo's terms

@@ -31,6 +31,7 @@ from softdyn.validation.twin.integrators import Integrator
 
 if TYPE_CHECKING:
     from softdyn.description.robot import Robot
+    from softdyn.validation.twin.chamber_areas import ChamberAreas
     from softdyn.validation.twin.memory import MotionMemory
     from softdyn.validation.twin.state_map import StateMap
 
@@ -52,6 +53,8 @@ class OwnForces:
         The map from the model's states to MuJoCo's.
     memory : MotionMemory
         The torques of branches and hysteresis.
+    areas : ChamberAreas, optional
+        Areas of chambers, which change with the forces.
 
     Attributes
     ----------
@@ -66,16 +69,17 @@ class OwnForces:
 
     def __init__(
         self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, states: StateMap,
-        memory: MotionMemory,
+        memory: MotionMemory, areas: ChamberAreas | None = None,
     ) -> None:  # fmt: skip
-        self._memory = memory
+        self._memory, self._areas = memory, areas
         self._model, self._data, self._states = model, data, states
         self._scratch, self._robot = mujoco.MjData(model), build(robot.dry)
         self.scheme = model.opt.integrator
         self.forget()
         self._slopes = all(hasattr(force, "derivatives") for force in robot.forces)
         if self.staged and (model.na or model.actuator_delay.any()):
-            what = "forces of one's own" if robot.forces else "relaxation"
+            what = "relaxation" if memory else "areas that change"
+            what = "forces of one's own" if robot.forces else what
             expected = f"implicitfast with {what} and motors that lag"
             raise InputError("integrator", expected, "rk4")
 
@@ -90,6 +94,8 @@ class OwnForces:
 
     def update(self) -> None:
         """Let F of the present state act."""
+        if self._areas is not None:
+            self._areas.update(self._data)
         self._data.qfrc_applied[:] = self._applied(self._data.qpos, self._data.qvel)
 
     def _applied(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
@@ -198,7 +204,7 @@ class OwnForces:
             The error names the step that would do.
         """
         model, data = self._model, self._data
-        if 0.0 <= data.time - self._checked < CHECKED:
+        if 0.0 <= data.time - self._checked < CHECKED or not self._robot.forces:
             return
         self._checked = float(data.time)
         self.update()

@@ -26,6 +26,7 @@ from softdyn.safety.obstacles import Obstacle
 from softdyn.validation.twin.bodies import read_bodies
 from softdyn.validation.twin.build import TASK_SITE, build
 from softdyn.validation.twin.cable_friction import CableFriction
+from softdyn.validation.twin.chamber_areas import ChamberAreas
 from softdyn.validation.twin.integrators import Integrator, integrator_of
 from softdyn.validation.twin.memory import MotionMemory
 from softdyn.validation.twin.obstacles import Contacts, add_obstacles
@@ -110,6 +111,8 @@ class Twin(Separate):
         Index of each tendon of the robot among MuJoCo's tendons.
     cable_friction : CableFriction or None
         The friction of the robot's cables, if it acts.
+    areas : ChamberAreas or None
+        The areas of chambers that change with their stretch, if there are any.
     skipped : tuple[str, ...]
         Collision shapes left out, each with the reason.
     touching : Contacts or None
@@ -174,12 +177,15 @@ class Twin(Separate):
             self.cable_friction = CableFriction(self.model, self.robot)
             if not friction:
                 self.model.dof_frictionloss[:] = 0.0
+        changing = any(one.area_growth for one in self.robot.actuators)
+        self.areas = ChamberAreas(self.robot, self.model) if changing else None
         self._own: OwnForces | None = None
         self.memory = MotionMemory(self.model, self.robot)
-        if self.robot.forces or (self.memory and scheme is Integrator.RK4):
+        staged = scheme is Integrator.RK4 and (self.memory or changing)
+        if self.robot.forces or staged:
             self._own = OwnForces(
                 self.robot, self.model, self.data, StateMap(build_model(self.robot), self),
-                self.memory,
+                self.memory, self.areas,
             )  # fmt: skip
         self._lost = coupling_tendons(self.model)
         self.reset()
@@ -321,7 +327,8 @@ class Twin(Separate):
         """
         self._check_rotors()
         self.data.ctrl[: self.nu] = array("u", u, (self.nu,))
-        if self.cable_friction is None and self._own is None and not self.memory:
+        plain = self.cable_friction is None and self._own is None
+        if plain and self.areas is None and not self.memory:
             mujoco.mj_step(self.model, self.data, steps)
         else:
             if self._own is not None:
@@ -344,20 +351,26 @@ class Twin(Separate):
         if memory:
             before = memory.places(data.qpos)
         if self._own is None:
-            if memory:
-                data.qfrc_applied[:] = memory.force()
+            self._act()
             mujoco.mj_step(self.model, data)
         else:
             self._own.step()
         if memory:
             memory.follow(before, data.qpos, branches=self._own is None or not self._own.staged)
 
+    def _act(self) -> None:
+        """Let areas and remembered torques of the present state act."""
+        if self.areas is not None:
+            self.areas.update(self.data)
+        if self.memory:
+            self.data.qfrc_applied[:] = self.memory.force()
+
     def _forward(self) -> None:
         """Compute the derived quantities of the present state."""
         if self._own is not None:
             self._own.update()
-        elif self.memory:
-            self.data.qfrc_applied[:] = self.memory.force()
+        else:
+            self._act()
         mujoco.mj_forward(self.model, self.data)
 
     def _reset(self) -> None:

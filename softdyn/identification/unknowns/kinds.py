@@ -219,8 +219,44 @@ def _mass_columns(sample: MotionSample) -> np.ndarray:
 
 
 def _gear_columns(sample: MotionSample) -> np.ndarray:
-    tree = tree_of(sample.state.model)
-    return -(sample.state.moment_arms[tree.actuated] * sample.u[:, None]).T
+    tree, u = tree_of(sample.state.model), sample.u
+    if tree.areas is not None:
+        u = u * tree.areas.growths(sample.state.lengths)
+    return -(sample.state.moment_arms[tree.actuated] * u[:, None]).T
+
+
+def _coefficients(robot: Robot) -> dict[str, float]:
+    """The coefficients of areas that change, by the name of their input and their number."""
+    return {
+        f"{one.name}.{k}": value
+        for one in robot.actuators
+        for k, value in enumerate(one.area_growth, 1)
+    }
+
+
+def _growth_columns(sample: MotionSample) -> np.ndarray:
+    tree, state = tree_of(sample.state.model), sample.state
+    columns: list[np.ndarray] = []
+    if tree.areas is not None:
+        stretches = tree.areas.stretches(state.lengths)
+        columns = [
+            -tree.gear[k] * sample.u[k] * stretches[k] ** power
+            * state.moment_arms[tree.actuated[k]]
+            for k, one in enumerate(tree.robot.actuators)
+            for power in range(1, 1 + len(one.area_growth))
+        ]  # fmt: skip
+    return np.array(columns).reshape(-1, tree.nv).T
+
+
+def _with_growth(robot: Robot, values: dict[str, float]) -> Robot:
+    known = _coefficients(robot) | values
+    actuators = tuple(
+        replace(one, area_growth=tuple(
+            known[f"{one.name}.{k}"] for k in range(1, 1 + len(one.area_growth))
+        ))
+        for one in robot.actuators
+    )  # fmt: skip
+    return replace(robot, actuators=actuators)
 
 
 def _tendon_spring(sample: MotionSample) -> np.ndarray:
@@ -324,6 +360,9 @@ KINDS = {
              lambda robot, values: robot),
         Kind("gear", "N per unit of u", _inputs, lambda model: tree_of(model).gear,
              _gear_columns, _in("actuators", "gear"), -np.inf),
+        Kind("area_growth", "", lambda model: list(_coefficients(model.robot)),
+             lambda model: np.array(list(_coefficients(model.robot).values())),
+             _growth_columns, _with_growth, -np.inf, about_zero=True),
         Kind("tendon_stiffness", "N/m", _tendons, lambda model: model.tendon_stiffness,
              _tendon_spring, _in("tendons", "stiffness")),
         Kind("tendon_damping", "N s/m", _tendons, lambda model: model.tendon_damping,

@@ -44,6 +44,7 @@ FRAMES = 1e-6  # m
 ONLY = "only in one file"
 PLACES = ("its axis", "its side")  # points of a wrapped shape that are no shape themselves
 LAW = ("gaintype", "biastype", "dyntype", "gainprm", "biasprm", "dynprm")  # fields of actuators
+GROWTH = "area_growth"
 TIMING = ("lag", "delay", "rate")  # fields of `Motor.rig`
 MANY = 256  # states for the shortest and the longest length of a path
 Named = TypeVar("Named", NeutralTendon, Motor)
@@ -522,13 +523,17 @@ def _rig_differences(
         p, q = (motor.rig.get(name, ABSENT.get(name, 0.0)) for motor in (one, other))
         if (size := differ(p, q)) > SAME and name not in alone:
             yield name, f"{name} {p:.9g}", f"{name} {q:.9g}", size
+    grown = [(*m.rig.get(GROWTH, ()), m.rig.get("area_length", 0.0)) for m in (one, other)]
+    if grown[0] != grown[1] and GROWTH not in alone:
+        p, q = (_row(f"{GROWTH} and area_length", values) for values in grown)
+        yield GROWTH, p, q, 1.0
 
 
 def _of_one_format(one: Motor, other: Motor) -> tuple[str, ...]:
-    """A URDF's rates and lags before an integrator, and the unit of an MJCF's winch."""
+    """A URDF's rates, lags before an integrator and changing areas, an MJCF's unit of a winch."""
     commands = one.rig.get("command"), other.rig.get("command")
     lag = ("lag",) if "velocity" in commands else ()
-    return ("rate", *lag, *(("unit",) if commands[0] == commands[1] else ()))
+    return ("rate", GROWTH, *lag, *(("unit",) if commands[0] == commands[1] else ()))
 
 
 def _on_joint(motor: Motor, robot: Neutral) -> Motor:
