@@ -267,6 +267,35 @@ NO_FLUID = Fluid()
 
 
 @dataclass(frozen=True)
+class Ball:
+    """A ball joint's spring and damper on three hinges in one point; see `softdyn.dynamics.balls`.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    joints : tuple of str, (3,)
+        The hinges, parents first. Their axes are orthogonal at q = 0.
+    stiffness : float
+        Torque by the angle of the whole rotation (N m/rad).
+    damping : float
+        Torque by the relative angular velocity (N m s/rad).
+    stiffness_poly : tuple of float, (2,)
+        Coefficients of the second and third power of the angle.
+    """
+
+    name: str
+    joints: tuple[str, str, str]
+    stiffness: float = 0.0
+    damping: float = 0.0
+    stiffness_poly: Pair = (0.0, 0.0)
+
+    def inner_links(self, joints: Iterable[Joint]) -> list[str]:
+        """The two links between its hinges, among all joints of a robot."""
+        return [joint.child for joint in joints if joint.name in self.joints[:2]]
+
+
+@dataclass(frozen=True)
 class Robot:
     """One robot: the tree, its compliance and its annotations, each number as its file states it.
 
@@ -312,6 +341,8 @@ class Robot:
         Acceleration of gravity in the world's axes (m/s²), which a tilted base turns.
     fluid : Fluid
         The fluid around the robot, by default none.
+    balls : tuple of Ball
+        Springs and dampers of ball joints, each on three hinges.
     forces : tuple of softdyn.dynamics.Force
         Forces of a user's own, which no file holds; see `SoftModel.with_forces`.
     adopted : tuple of str
@@ -343,6 +374,7 @@ class Robot:
     forces: tuple[Any, ...] = field(default=(), compare=False)
     gravity: Vector = EARTH
     fluid: Fluid = NO_FLUID
+    balls: tuple[Ball, ...] = ()
     adopted: tuple[str, ...] = field(default=(), compare=False)
     root_folder: Path | None = field(default=None, compare=False)
 
@@ -410,6 +442,8 @@ class Robot:
             parts += (("gravity", self.gravity),)
         if self.fluid:
             parts += (self.fluid,)
+        if self.balls:
+            parts += (self.balls,)
         if self.forces:
             parts += ([content(force) for force in self.forces],)
         return hashlib.sha256(repr(parts).encode()).hexdigest()

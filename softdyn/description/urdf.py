@@ -198,6 +198,7 @@ def _robot(
         tasks=block.tasks,
         gravity=_gravity(root if element is None else element, block.gravity, gravity),
         fluid=block.fluid,
+        balls=block.balls,
         xml=etree.tostring(_judged(root), encoding="unicode"),
         text=etree.tostring(root.node, encoding="unicode"),
         annotations=block_text,

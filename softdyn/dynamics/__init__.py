@@ -12,6 +12,7 @@
 - `points`: a point of a body, its Jacobian and the Jacobian's derivative;
 - `coordinates`: places in q of each joint: continuous joints, floating bases;
 - `curves`: springs and dampers that are not linear;
+- `balls`: the springs and dampers of ball joints;
 - `fluid`: the drag of a fluid on the links;
 - `forces`: joint forces of one's own, `Force`: the contract and its checked calls;
 - `balance`: r = M a + h - B u - E d and its Jacobians, with winches and slow disturbances;

@@ -222,7 +222,7 @@ class ForceBalance:
         terms = BalanceTerms(r, by_q, by_v, M, arms.T @ slope, by_d, u)
         if self._size:
             self._add_disturbances(terms, coordinates, here, v, a, d)
-        if tree.forces:  # last, because they may use the engine
+        if tree.forced:  # last, because they may use the engine
             own = tree.forces_at(q, v), *tree.force_derivatives(q, v)
             for term, part in zip((r, by_q, by_v), own, strict=True):
                 term -= part

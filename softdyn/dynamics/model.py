@@ -115,8 +115,8 @@ class SoftModel(Protocol):
 
     @property
     def forced(self) -> bool:
-        """Whether F acts: forces of one's own, or the drag of a fluid."""
-        return bool(self.robot.forces or self.robot.fluid)
+        """Whether F acts: forces of one's own, the drag of a fluid, or springs of ball joints."""
+        return bool(self.robot.forces or self.robot.fluid or self.robot.balls)
 
     def with_forces(self, *forces: Any) -> SoftModel:
         """A new model of the robot, on which further forces act.
@@ -222,7 +222,7 @@ class SoftModel(Protocol):
     def potential_energy(self, q: np.ndarray) -> float:
         """Gravity, elastic energy and that of one's own forces together (J)."""
         energy = self.gravity_energy(q) + self.elastic_energy(q)
-        return energy + self.forces_energy(q) if self.forces else energy
+        return energy + self.forces_energy(q) if self.forced else energy
 
     def tendon_lengths(self, q: np.ndarray) -> np.ndarray:
         """Lengths (tendons,) of all tendons, in the file's order (m, or the unit of coef · q)."""

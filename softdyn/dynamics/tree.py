@@ -14,6 +14,7 @@ from softdyn.checks import did_you_mean, read_only, vector
 from softdyn.compiled import COMPILES
 from softdyn.description.robot import NO_FLUID, Robot
 from softdyn.dynamics import kernels
+from softdyn.dynamics.balls import BallSprings
 from softdyn.dynamics.coordinates import Coordinates
 from softdyn.dynamics.curves import curves_of
 from softdyn.dynamics.engine import (
@@ -168,7 +169,9 @@ class TreeModel(SoftModel):
         if robot.fluid:
             drag = FluidDrag(self.engine, robot.fluid, self.chart.floating)
             self._forces = (*self._forces, drag)
-        free = replace(robot, forces=(), fluid=NO_FLUID) if self._forces else robot
+        if robot.balls:
+            self._forces = (*self._forces, BallSprings(robot, self.joint_names))
+        free = replace(robot, forces=(), fluid=NO_FLUID, balls=()) if self._forces else robot
         self.unforced = self if free is self.robot else self._sharing(free)
 
     def _sharing(self, robot: Robot) -> TreeModel:

@@ -281,7 +281,7 @@ def _forces(
     r = state.h - state.B @ u
     # each cable counts alone, because cables that pull against each other sum up to rounding
     forces = [state.K, state.bias, np.abs(state.B) @ np.abs(u)]
-    if model.forces:
+    if model.forced:
         forces.append(state.F)
     if friction is not None:
         forces.append(friction.forces(state))

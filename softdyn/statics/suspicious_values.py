@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from softdyn.description.meshes import Mesh
-from softdyn.description.robot import Joint, Robot, Tendon, moving_bodies
+from softdyn.description.robot import Ball, Joint, Robot, Tendon, moving_bodies
 from softdyn.description.visuals import triangles, visuals
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.dynamics.projection import Projection, underlying_tree
@@ -226,7 +226,7 @@ def _bodies(robot: Robot) -> Iterator[str]:
 
 def _springs(robot: Robot) -> Iterator[str]:
     free = [joint for joint in robot.moving_joints if joint.mimic is None]
-    springs: list[Joint | Tendon] = [*free, *robot.tendons]
+    springs: list[Joint | Tendon | Ball] = [*free, *robot.tendons, *robot.balls]
     elastic = any(part.stiffness > 0 or any(part.stiffness_poly) for part in springs)
     moving = [actuator for actuator in robot.actuators if actuator.lower < actuator.upper]
     if not elastic and 0 < len(moving) < len(free):
@@ -254,6 +254,9 @@ def _springs(robot: Robot) -> Iterator[str]:
             )
         if joint.stiffness > 0 and _first(joint) not in damped:
             yield f"joint {joint.name!r} has a spring and no damping: it will oscillate for ever"
+    for ball in robot.balls:
+        if ball.stiffness > 0 and ball.damping == 0:
+            yield f"ball {ball.name!r} has a spring and no damping: it will oscillate for ever"
     for actuator in robot.actuators:
         tendon = next(t for t in robot.tendons if t.name == actuator.tendon)
         if actuator.gear == 0 or actuator.lower == actuator.upper == 0:

@@ -75,7 +75,7 @@ def examine(model: SoftModel, coordinates: np.ndarray, name: str = "") -> Pose:
     rank = int((values > RANK_TOLERANCE * values.max(initial=0.0)).sum())
     U = left[:, rank:].T
     falling, firm = gravity_stiffness(model, q), model.tangent_stiffness(q)
-    if locked.any() or model.forces:  # a constant pull adds to the stiffness, as one's own forces
+    if locked.any() or model.forced:  # a constant pull adds to the stiffness, as one's own forces
         pull = np.where(locked, model.u_min, 0.0)
         firm = stiffness(model, q, pull) - falling
         firm = (firm + firm.T) / 2  # a force without a potential has a skew part, without work

@@ -295,7 +295,7 @@ def given_error(model: SoftModel, q: np.ndarray, v: np.ndarray) -> float:
     gradient of the energy. The force itself is given: the twin calls the same object.
     """
     tree, S = underlying_tree(model)
-    free = rebuild(tree, replace(tree.robot, forces=(), fluid=NO_FLUID))
+    free = rebuild(tree, replace(tree.robot, forces=(), fluid=NO_FLUID, balls=()))
     q, v = (q, v) if S is None else (model.expand(q), S @ v)  # type: ignore[attr-defined]
     found = 0.0
     for force in model.forces:
@@ -365,7 +365,7 @@ def _compare_at(
             "length": (lengths, judge.lengths, length),
             "energy": (energy, judge.energy, weight),
         }
-        if model.robot.fluid and not model.forces:
+        if model.forced and not model.forces:
             pairs[FORCE] = (state.F, judge.F, inertia)
         if judge.nu == model.nu:
             pairs["B"] = (state.B, judge.B, gear * length)

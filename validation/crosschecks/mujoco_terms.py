@@ -68,8 +68,8 @@ class MujocoTerms:
         self._damping_varies = paths and bool(self._model.tendon_damping.any())
         self.mass = float(self._model.body_mass[1:].sum())
         self._own: OwnForces | None = None  # given ones, which MuJoCo does not judge
-        if twin.robot.forces:
-            self._own = OwnForces(twin.robot, self._model, self._data, states)
+        if twin.robot.forces or twin.robot.balls:
+            self._own = OwnForces(twin.robot, self._model, self._data, states, twin.rest)
 
     # -- at one state --------------------------------------------------------------------------
 
@@ -131,9 +131,12 @@ class MujocoTerms:
         return gravity
 
     def F(self) -> np.ndarray:
-        """Forces of a fluid (nv,)."""
-        found: np.ndarray = self._map.T @ self._data.qfrc_fluid
-        return found
+        """Forces of a fluid and of ball joints (nv,)."""
+        found = self._data.qfrc_fluid.copy()
+        if self._own is not None:
+            found += self._own.of_balls(self._data.qpos, self._qvel)
+        moved: np.ndarray = self._map.T @ found
+        return moved
 
     def K(self) -> np.ndarray:
         """Spring forces (nv,) of joints and tendons, on the left-hand side."""

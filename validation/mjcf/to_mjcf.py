@@ -79,6 +79,10 @@ class _Writer:
             name: (frame.part, frame.pose) for name, frame in neutral.frames.items()
         }
         self._place |= {part.link: (k, part.pose) for k, part in enumerate(neutral.parts)}
+        for k, part in enumerate(neutral.parts):
+            inner = [link for ball in robot.balls if ball.name == part.name and part.kind == "ball"
+                     for link in ball.inner_links(robot.joints)]  # fmt: skip
+            self._place |= dict.fromkeys(inner, (k, part.pose))
         shown, _ = visuals(robot)
         self._shapes: dict[int, list[Visual]] = {}
         for visual in shown:
@@ -165,7 +169,8 @@ class _Writer:
         if part.lower == part.upper:  # a range must have some width
             span += POINT
         add(
-            body, "joint", name=part.name, type=part.kind, axis=part.axis,
+            body, "joint", name=part.name, type=part.kind,
+            axis=None if part.kind == "ball" else part.axis,
             pos=part.point - self._origin[k],
             limited="true" if limited else "false",
             range=span if limited else None,
@@ -340,6 +345,8 @@ class _Writer:
         for joint in root.iter("joint", "freejoint"):
             if joint.tag == "freejoint":
                 qpos += [0, 0, 0, 1, 0, 0, 0]
+            elif joint.get("type") == "ball":
+                qpos += [1, 0, 0, 0]
             elif joint.get("type") is not None:
                 qpos.append(offsets.get(str(joint.get("name")), 0.0))
         if qpos:

@@ -9,6 +9,7 @@
 - `plant_errors`: how a plant differs from the model: masses, springs, friction, contacts, stops
 - `state_map`: the convention map between a model's state and the twin's
 - `free_base`: a floating base in MuJoCo's variables, so that both engines integrate alike
+- `balls`: springs and dampers of ball joints, from MuJoCo's kinematics;
 - `own_forces`: forces of a user's own, taken into each step
 - `cable_friction`: friction of cables on their guides in MuJoCo's terms
 - `cable_course`: turns of a cable around round bodies, from MuJoCo's points of its path

@@ -1,7 +1,8 @@
-"""Forces of a user's own in the twin.
+"""Forces of a user's own in the twin, and the springs of ball joints on hinges.
 
 MuJoCo has no such force. The twin calls the same object as the model does, with the model of its
-own robot, so that the force is given and not checked. At each step it takes F and ∂F/∂q̇ into
+own robot, so that the force is given and not checked. Springs of ball joints are its own: see
+`softdyn.validation.twin.balls`. At each step it takes F and ∂F/∂q̇ into
 MuJoCo's own linear system. MuJoCo's implicit schemes solve
 
     A a = f,    A = M - h ∂f/∂q̇,
@@ -18,14 +19,17 @@ M + h D positive definite, where D has the damping of everything. Runge-Kutta ne
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
+from softdyn.description.robot import NO_FLUID
 from softdyn.dynamics.forces import STEP
 from softdyn.dynamics.mimic import build
 from softdyn.exceptions import InputError
+from softdyn.validation.twin.balls import TwinBalls
 from softdyn.validation.twin.free_base import rk4_on_rotations
 from softdyn.validation.twin.integrators import Integrator
 
@@ -39,7 +43,7 @@ HALVINGS = 20  # of a step that is too long; a shorter one is no answer
 
 
 class OwnForces:
-    """The forces of a user's own on a MuJoCo model.
+    """The forces of a user's own on a MuJoCo model, and its ball joints.
 
     Parameters
     ----------
@@ -49,6 +53,8 @@ class OwnForces:
         Its MuJoCo model, and the state that moves.
     states : StateMap
         The map from the model's states to MuJoCo's.
+    rest : np.ndarray, (MuJoCo's nq,)
+        qpos at q = 0.
 
     Attributes
     ----------
@@ -62,10 +68,15 @@ class OwnForces:
     """
 
     def __init__(
-        self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, states: StateMap
-    ) -> None:
+        self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, states: StateMap,
+        rest: np.ndarray,
+    ) -> None:  # fmt: skip
         self._model, self._data, self._states = model, data, states
-        self._scratch, self._robot = mujoco.MjData(model), build(robot)
+        # MuJoCo itself has the fluid
+        self._scratch = mujoco.MjData(model)
+        self._robot = build(replace(robot, fluid=NO_FLUID, balls=()))
+        self._balls = TwinBalls(robot.balls, model, rest)
+        self._ball_names = [ball.name for ball in robot.balls]
         self.scheme = model.opt.integrator
         self.forget()
         self._slopes = all(hasattr(force, "derivatives") for force in robot.forces)
@@ -83,8 +94,15 @@ class OwnForces:
 
     def _applied(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         """F (MuJoCo's nv,); that of followers acts on their leaders."""
-        force = self._robot.forces_at(*self._states.from_twin(qpos, qvel))
-        return self._turned(qpos) @ force
+        found = self.of_balls(qpos, qvel)
+        if self._robot.forces:
+            force = self._robot.forces_at(*self._states.from_twin(qpos, qvel))
+            found += self._turned(qpos) @ force
+        return found
+
+    def of_balls(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+        """The force of the ball joints alone (MuJoCo's nv,)."""
+        return self._balls.force(qpos, qvel)
 
     def _turned(self, qpos: np.ndarray) -> np.ndarray:
         """P (MuJoCo's nv, nv) without the rows of followers: it maps forces to MuJoCo's."""
@@ -95,6 +113,9 @@ class OwnForces:
     def rate_slopes(self) -> np.ndarray:
         """∂F/∂q̇ (MuJoCo's nv, MuJoCo's nv) at the present state."""
         data = self._data
+        damping = self._balls.damping()
+        if not self._robot.forces:
+            return -damping
         q, v = self._states.from_twin(data.qpos, data.qvel)
         if self._slopes:
             _, by_v = self._robot.force_derivatives(q, v)
@@ -106,7 +127,8 @@ class OwnForces:
                 ahead, behind = (self._robot.forces_at(q, v + sign * move) for sign in (1, -1))
                 by_v[:, k] = (ahead - behind) / (2 * STEP)
         P = self._turned(data.qpos)
-        return P @ by_v @ P.T
+        found: np.ndarray = P @ by_v @ P.T - damping
+        return found
 
     def step(self) -> None:
         """One step of the present state under the controls in `data`, as ``mj_step``."""
@@ -190,10 +212,11 @@ class OwnForces:
         h = model.opt.timestep
         M = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, M)
-        q, v = self._states.from_twin(data.qpos, data.qvel)
-        by_q, _ = self._robot.force_derivatives(q, v)
-        P = self._turned(data.qpos)
-        K, D, is_stable = -P @ by_q @ P.T, -self.rate_slopes(), _follows_explicitly
+        K, D, is_stable = self._balls.stiffness(), -self.rate_slopes(), _follows_explicitly
+        if self._robot.forces:
+            by_q, _ = self._robot.force_derivatives(*self._states.from_twin(data.qpos, data.qvel))
+            P = self._turned(data.qpos)
+            K -= P @ by_q @ P.T
         if self.scheme != Integrator.RK4.mujoco:
             D, is_stable = D + (self._matrix() - M) / h, _follows_implicitly
         if is_stable(M, D, K, h):
@@ -206,7 +229,8 @@ class OwnForces:
 
     @property
     def _names(self) -> str:
-        return ", ".join(repr(force.name) for force in self._robot.forces)
+        names = [force.name for force in self._robot.forces] + self._ball_names
+        return ", ".join(map(repr, names))
 
 
 def _follows_implicitly(M: np.ndarray, D: np.ndarray, K: np.ndarray, h: float) -> bool:

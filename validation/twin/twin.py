@@ -171,10 +171,9 @@ class Twin(Separate):
             if not friction:
                 self.model.dof_frictionloss[:] = 0.0
         self._own: OwnForces | None = None
-        if self.robot.forces:
-            self._own = OwnForces(
-                self.robot, self.model, self.data, StateMap(build_model(self.robot), self)
-            )
+        if self.robot.forces or self.robot.balls:
+            states = StateMap(build_model(self.robot), self)
+            self._own = OwnForces(self.robot, self.model, self.data, states, self.rest)
         self.reset()
 
     def amend(self, spec: mujoco.MjSpec) -> None:
