@@ -337,7 +337,8 @@ def check_placement(block: Element, robot: Robot) -> None:
 
 def _check_balls(block: Element, robot: Robot) -> None:
     """Refuse a ball whose inner links carry something, or whose hinges something else reads."""
-    held = {site.link for tendon in robot.tendons for site in (*tendon.sites, *tendon.wraps)}
+    held = {site.link for tendon in robot.tendons for site in tendon.sites}
+    held |= {wrap.link for tendon in robot.tendons for wrap in tendon.wraps}
     held |= {sensor.link for sensor in robot.sensors} | {task.frame for task in robot.tasks}
     held |= {robot.task} | {link.name for link in robot.links if link.looks or link.mass}
     used = {term.joint for tendon in robot.tendons for term in tendon.terms}

@@ -374,9 +374,9 @@ class Robot:
     forces: tuple[Any, ...] = field(default=(), compare=False)
     gravity: Vector = EARTH
     fluid: Fluid = NO_FLUID
-    balls: tuple[Ball, ...] = ()
     adopted: tuple[str, ...] = field(default=(), compare=False)
     root_folder: Path | None = field(default=None, compare=False)
+    balls: tuple[Ball, ...] = ()
 
     @property
     def moving_joints(self) -> tuple[Joint, ...]:

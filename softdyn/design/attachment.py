@@ -15,7 +15,7 @@ from lxml import etree
 from softdyn.checks import did_you_mean, instance, vector
 from softdyn.description.library import find
 from softdyn.description.meshes import MeshError, locate
-from softdyn.description.robot import Ball, Joint, Link, Origin, Robot, moving_link_of
+from softdyn.description.robot import Joint, Link, Origin, Robot, moving_link_of
 from softdyn.description.stated_task import StatedTask, only_the_tip
 from softdyn.description.urdf import parse, parse_text
 from softdyn.description.urdf_writer import write
@@ -282,7 +282,7 @@ def _prefixed(data: Data, prefix: str) -> Data:
         value = getattr(data, part.name)
         if part.name in REFERENCES and isinstance(value, str):
             new[part.name] = value and prefix + value
-        elif part.name == "joints" and isinstance(data, Ball):
+        elif part.name == "joints" and all(isinstance(one, str) for one in value):
             new[part.name] = tuple(prefix + name for name in value)
         elif is_dataclass(value) or isinstance(value, tuple):
             new[part.name] = _prefixed(value, prefix)

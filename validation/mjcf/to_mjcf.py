@@ -79,10 +79,10 @@ class _Writer:
             name: (frame.part, frame.pose) for name, frame in neutral.frames.items()
         }
         self._place |= {part.link: (k, part.pose) for k, part in enumerate(neutral.parts)}
-        for k, part in enumerate(neutral.parts):
-            inner = [link for ball in robot.balls if ball.name == part.name and part.kind == "ball"
-                     for link in ball.inner_links(robot.joints)]  # fmt: skip
-            self._place |= dict.fromkeys(inner, (k, part.pose))
+        for ball in robot.balls:
+            number = [part.name for part in neutral.parts].index(ball.name)
+            place = number, neutral.parts[number].pose
+            self._place |= dict.fromkeys(ball.inner_links(robot.joints), place)
         shown, _ = visuals(robot)
         self._shapes: dict[int, list[Visual]] = {}
         for visual in shown:
