@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import softdyn
+from softdyn.validation import compare
 from softdyn.validation.mjcf import export
 
 # Several joints in one body, each in a place of its own, with ref and springref; a cable on sites.
@@ -132,5 +133,5 @@ def test_a_turned_site_makes_the_files_differ(tmp_path):
     found = compare(*paths)
     assert not found.passed
     assert [(cause.kind, cause.where) for cause in found.causes] == [("frame", "tip")]
-    result, _ = write_urdf(paths[1], tmp_path / "out.urdf")
+    result, _ = export.write_urdf(paths[1], tmp_path / "out.urdf")
     assert result.passed
