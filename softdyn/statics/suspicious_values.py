@@ -25,12 +25,13 @@ DENSE, LIGHT = (
 SMALLEST, LARGEST = 1e-4, 50.0  # m from the root to the farthest joint or tip
 DEGREES = 3 * 2 * math.pi  # rad: three turns
 OUTSIZE = 20.0  # width of a mesh over the robot's length
+UNIT = (1.0, 1 / 6)  # kg m²: ones, and a cube of 1 kg and 1 m
 BULKY = 3.0  # radius of gyration over the distance to the next joint
 
 
 def suspicious_values(robot: Robot) -> tuple[str, ...]:
     """One line for each number that looks wrong; shapes are left out."""
-    return (*_sizes(robot), *_limits(robot), *_bodies(robot), *_springs(robot))
+    return (*_sizes(robot), *_limits(robot), *_defaults(robot), *_bodies(robot), *_springs(robot))
 
 
 def suspicious_shapes(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -144,6 +145,18 @@ def unbalanced(model: SoftModel) -> Iterator[str]:
             )
 
 
+def light_bodies(robot: Robot) -> Iterator[str]:
+    """One line for each moving body below MuJoCo's least inertia; points are left out."""
+    for name, body in moving_bodies(robot).items():
+        most = float(np.linalg.eigvalsh(body.tensor)[-1])
+        if body.mass > 0 and 0 < most < FLOOR:
+            yield (
+                f"link {name!r}: its inertia of {most:.2g} kg m² is below MuJoCo's least one of "
+                f"{FLOOR:g}: MuJoCo refuses such a body, and `softdyn export --mjcf` writes a "
+                "larger inertia; is it in other units?"
+            )
+
+
 def _carried(robot: Robot) -> dict[str, float]:
     """The mass (kg) beyond each joint; a leader carries its followers' too.
 
@@ -190,6 +203,18 @@ def _limits(robot: Robot) -> Iterator[str]:
             yield f"joint {joint.name!r} cannot move: lower = upper = {joint.lower:g}"
         elif not joint.lower <= 0 <= joint.upper:
             yield f"joint {joint.name!r} is beyond its limits at q = 0, the pose in the file"
+
+
+def _defaults(robot: Robot) -> Iterator[str]:
+    """One line for each link with the numbers of a CAD program that was told no material."""
+    for link in robot.links:
+        xx, xy, xz, yy, yz, zz = link.moments
+        equal = xx == yy == zz and not any((xy, xz, yz))
+        if link.mass == 1 and equal and any(abs(xx - one) < 1e-3 for one in UNIT):
+            yield (
+                f"link {link.name!r}: 1 kg and {xx:g} kg m² about each axis: a CAD program's "
+                "default, without a material?"
+            )
 
 
 def _bodies(robot: Robot) -> Iterator[str]:

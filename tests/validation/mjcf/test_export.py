@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import softdyn
+from softdyn import UrdfError
 from softdyn.description.urdf import parse_text
 from softdyn.description.urdf_writer import write
 from softdyn.validation import Twin, compare
@@ -296,3 +297,21 @@ def test_a_site_on_the_surface_is_wrapped_by_mujoco_too(tmp_path):
         mujoco.mj_forward(engine, data)
         lengths = model.tendon_lengths(model.configuration(q))
         np.testing.assert_allclose(lengths, data.ten_length, atol=1e-10)
+
+
+def test_a_muscle_and_odd_inertias_of_an_mjcf_are_named(tmp_path):
+    path, body = tmp_path / "robot.xml", '<body><joint name="h"/><inertial pos="0 0 1" {}/></body>'
+    text = "<mujoco><worldbody>{}</worldbody>{}</mujoco>"
+    muscle = '<actuator><muscle name="biceps" joint="h" lengthrange="0 1"/></actuator>'
+    path.write_text(text.format(body.format('mass="1" diaginertia="1 1 1"'), muscle))
+    result, lost = export.write_urdf(path, tmp_path / "out.urdf")
+    assert not result.passed
+    assert any("'biceps'" in one and "muscle" in one for one in lost)
+    for inertia, word in (
+        ('mass="1" fullinertia="2 0.1 0.2 2.5 0 3"', "xx yy zz"),
+        ('mass="1" diaginertia="1e-17 1e-17 1e-17"', "1e-15"),
+    ):
+        path.write_text(text.format(body.format(inertia), ""))
+        with pytest.raises(UrdfError) as error:
+            neutral(path)
+        assert word in str(error.value)
