@@ -529,12 +529,15 @@ def make_plant(model: SoftModel, given: Any, arguments: cli.Arguments) -> Any:
     """The plant, for a user's own scene after a report on its differences from the model."""
     from collections.abc import Mapping
 
-    from softdyn.validation.loop.settings import MODEL
+    from softdyn.validation.loop.settings import MODEL, SCENE
 
     if not isinstance(given, str | Mapping) or given == MODEL:
         return given
     from softdyn.validation.mjcf.scene import scene_of
 
+    root = cli.root_folder(arguments)
+    if isinstance(given, str) and root is not None:
+        given = {SCENE: given, "root": str(root)}
     plant = scene_of(model, given)
     if arguments.json != "-":
         cli.say(str(plant))

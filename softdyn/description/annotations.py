@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -22,6 +23,7 @@ from softdyn.description.robot import (
     MOST_BRANCHES,
     MOST_FRICTION,
     NO_FLUID,
+    Ball,
     Fluid,
     Joint,
     JointTerm,
@@ -33,6 +35,7 @@ from softdyn.description.robot import (
     Tendon,
     Vector,
     Wrap,
+    children,
     moving_link_of,
     poses,
 )
@@ -40,7 +43,7 @@ from softdyn.description.stated_task import StatedTask, only_the_tip, read_tasks
 from softdyn.description.strict_xml import Element
 
 BLOCK, VERSION = "softdyn", "1"
-CHILDREN = ("link", "joint", "tendon", "actuator", "sensor", "task", "fluid")
+CHILDREN = ("link", "joint", "tendon", "actuator", "sensor", "task", "fluid", "ball")
 CURVES = ("stiffness_poly", "damping_poly")
 SPRINGS = (*CURVES, "relaxation")
 TENDON = ("stiffness", "damping", "rest", "slack", "friction", "driven", "armature", *CURVES)
@@ -48,6 +51,7 @@ ENDS = tuple(end.value for end in PathEnd)
 COINCIDENT = 1e-9  # metres between two sites that count as one point
 WRAPS = ("cylinder", "sphere")
 ON_RADIUS = 1e-9  # share of a radius by which a site on the surface may lie inside by rounding
+ORTHOGONAL = 1e-6  # rad, and cosine: rounding of axes and limits of a ball's hinges
 IN_LINE = 1e-9  # sine of an angle that counts as zero
 
 
@@ -62,6 +66,7 @@ class AnnotationBlock:
     tasks: tuple[StatedTask, ...] = ()
     gravity: Vector | None = None
     fluid: Fluid = NO_FLUID
+    balls: tuple[Ball, ...] = ()
 
 
 def read_block(
@@ -92,6 +97,7 @@ def read_block(
         () if only_the_tip(tasks) else tasks,
         None if block.node.get("gravity") is None else block.vector("gravity"),
         _fluid(block.child("fluid")),
+        tuple(block.unique("ball", lambda element: _ball(element, joints)).values()),
     )
 
 
@@ -100,6 +106,51 @@ def _fluid(element: Element | None) -> Fluid:
         return NO_FLUID
     element.allow("density", "viscosity")
     return Fluid(element.non_negative("density"), element.non_negative("viscosity"))
+
+
+def _ball(element: Element, joints: dict[str, Joint]) -> Ball:
+    """The spring and damper of three hinges, which have no others."""
+    element.allow("name", "joints", "stiffness", "damping", "stiffness_poly")
+    names = element.text("joints").split()
+    if len(set(names)) != 3:
+        raise element.error("three joints", repr(element.text("joints")))
+    for name in names:
+        if name not in joints:
+            raise element.error("the name of a joint", did_you_mean(name, joints))
+    first, second, third = (joints[name] for name in names)
+    plain = ("stiffness", "damping", "armature", "friction", "rest", "mimic")
+    for joint in (first, second, third):
+        if joint.kind not in ("revolute", "continuous"):
+            raise element.error("hinges", f"{joint.name!r}, which is {joint.kind}")
+        for field in plain:
+            if getattr(joint, field):
+                raise element.error(f"hinges without {field}", f"that of {joint.name!r}")
+        if any((*joint.stiffness_poly, *joint.damping_poly)):
+            raise element.error("hinges without a spring and a damper", f"those of {joint.name!r}")
+        if any(other.mimic and other.mimic.leader == joint.name for other in joints.values()):
+            raise element.error("hinges that no joint follows", repr(joint.name))
+    for above, below in ((first, second), (second, third)):
+        if below.parent != above.child or any((*below.origin.xyz, *below.origin.rpy)):
+            expected = "three hinges of one place and orientation, parents first"
+            raise element.error(expected, f"{above.name!r} and {below.name!r}")
+    axes = np.array([joint.axis for joint in (first, second, third)])
+    if np.abs(axes @ axes.T - np.eye(3)).max() > ORTHOGONAL:
+        raise element.error("orthogonal axes", f"those of {', '.join(names)}")
+    for joint, most in ((first, math.pi), (second, math.pi / 2), (third, math.pi)):
+        narrow = joint.upper < most - ORTHOGONAL or joint.lower > ORTHOGONAL - most
+        if joint.kind == "revolute" and narrow:
+            expected = f"limits of ±{most:.6g} rad of {joint.name!r}"
+            raise element.error(expected, f"{joint.lower:g} to {joint.upper:g}")
+    if max(-second.lower, second.upper) > math.pi / 2 + ORTHOGONAL:
+        expected = f"limits of ±{math.pi / 2:.6g} rad of {second.name!r}, the middle hinge"
+        raise element.error(expected, f"{second.lower:g} to {second.upper:g}")
+    return Ball(
+        element.text("name"),
+        (first.name, second.name, third.name),
+        element.non_negative("stiffness"),
+        element.non_negative("damping"),
+        element.pair("stiffness_poly", (0.0, 0.0)),
+    )
 
 
 def read_springs(root: Element, joints: dict[str, Joint]) -> None:
@@ -308,11 +359,32 @@ def check_placement(block: Element, robot: Robot) -> None:
         It names the element.
     """
     _check_paths(block, robot)
+    _check_balls(block, robot)
     carriers = moving_link_of(robot)
     for element in block.children("task"):
         frame = element.text("frame")
         if robot.moving_joints and carriers[frame] == robot.root and not robot.floating:
             raise element.error("a link that a joint moves", repr(frame))
+
+
+def _check_balls(block: Element, robot: Robot) -> None:
+    """Refuse a ball whose inner links carry something, or whose hinges something else reads."""
+    held = {site.link for tendon in robot.tendons for site in tendon.sites}
+    held |= {wrap.link for tendon in robot.tendons for wrap in tendon.wraps}
+    held |= {sensor.link for sensor in robot.sensors} | {task.frame for task in robot.tasks}
+    held |= {robot.task} | {link.name for link in robot.links if link.looks or link.mass}
+    used = {term.joint for tendon in robot.tendons for term in tendon.terms}
+    used |= {sensor.joint for sensor in robot.sensors}
+    below = children(robot.joints)
+    taken: set[str] = set()
+    for element, ball in zip(block.children("ball"), robot.balls, strict=True):
+        for link in ball.inner_links(robot.joints):
+            if link in held or len(below[link]) > 1:
+                raise element.error("links between its hinges that carry nothing", repr(link))
+        for joint in ball.joints:
+            if joint in used | taken:
+                raise element.error("hinges that nothing else uses", repr(joint))
+        taken |= set(ball.joints)
 
 
 def _check_paths(block: Element, robot: Robot) -> None:

@@ -19,6 +19,8 @@ SLACK = 1e-6
 MICROMETRE = 1e-6
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 """A tensor's upper triangle, row by row, as URDF names it."""
+ORDERS = (("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), ("ixx", "ixy", "iyy", "ixz", "iyz", "izz"))
+"""MuJoCo's order of `fullinertia`, and the lower triangle, row by row."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,26 @@ class Inertia:
         moments, axes = np.linalg.eigh(self.tensor)
         nearest = _project(moments) if self.mass > 0 else np.zeros(3)
         return Inertia(self.mass, self.com, (axes * nearest) @ axes.T)
+
+
+def written_in_another_order(numbers: Sequence[float]) -> str:
+    """Words for six numbers that are a possible inertia in another order; empty if none.
+
+    Parameters
+    ----------
+    numbers : sequence of float, (6,)
+        Numbers in the order of `MOMENTS`, which are no possible inertia.
+    """
+    for order in ORDERS:
+        moments = np.array([numbers[order.index(name)] for name in MOMENTS])
+        least, most = np.linalg.eigvalsh(symmetric(moments))[[0, -1]]
+        if least > SLACK * most and not Inertia(1.0, np.zeros(3), symmetric(moments)).defect():
+            words = ", ".join(name.removeprefix("i") for name in order)
+            return f"the order {words}? "
+    xx, xy, xz, yx, yy, yz = numbers
+    if xy == yx and min(xx, yy) > max(map(abs, (xy, xz, yz))):
+        return "the first six numbers of a matrix, row by row? "
+    return ""
 
 
 def _project(moments: np.ndarray) -> np.ndarray:

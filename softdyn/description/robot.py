@@ -276,6 +276,35 @@ NO_FLUID = Fluid()
 
 
 @dataclass(frozen=True)
+class Ball:
+    """A ball joint's spring and damper on three hinges in one point; see `softdyn.dynamics.balls`.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    joints : tuple of str, (3,)
+        The hinges, parents first. Their axes are orthogonal at q = 0.
+    stiffness : float
+        Torque by the angle of the whole rotation (N m/rad).
+    damping : float
+        Torque by the relative angular velocity (N m s/rad).
+    stiffness_poly : tuple of float, (2,)
+        Coefficients of the second and third power of the angle.
+    """
+
+    name: str
+    joints: tuple[str, str, str]
+    stiffness: float = 0.0
+    damping: float = 0.0
+    stiffness_poly: Pair = (0.0, 0.0)
+
+    def inner_links(self, joints: Iterable[Joint]) -> list[str]:
+        """The two links between its hinges, among all joints of a robot."""
+        return [joint.child for joint in joints if joint.name in self.joints[:2]]
+
+
+@dataclass(frozen=True)
 class Robot:
     """One robot: the tree, its compliance and its annotations, each number as its file states it.
 
@@ -321,6 +350,8 @@ class Robot:
         Acceleration of gravity in the world's axes (m/s²), which a tilted base turns.
     fluid : Fluid
         The fluid around the robot, by default none.
+    balls : tuple of Ball
+        Springs and dampers of ball joints, each on three hinges.
     forces : tuple of softdyn.dynamics.Force
         Forces of a user's own, which no file holds; see `SoftModel.with_forces`.
     adopted : tuple of str
@@ -354,6 +385,7 @@ class Robot:
     fluid: Fluid = NO_FLUID
     adopted: tuple[str, ...] = field(default=(), compare=False)
     root_folder: Path | None = field(default=None, compare=False)
+    balls: tuple[Ball, ...] = ()
 
     @property
     def moving_joints(self) -> tuple[Joint, ...]:
@@ -392,11 +424,11 @@ class Robot:
 
     @property
     def dry(self) -> Robot:
-        """The robot without fluid and buoyancy; itself if there is none."""
-        if not (self.fluid or self.buoyant):
+        """The robot without fluid, buoyancy and springs of ball joints; itself if it has none."""
+        if not (self.fluid or self.buoyant or self.balls):
             return self
         links = tuple(replace(link, gravcomp=0.0) for link in self.links)
-        return replace(self, fluid=NO_FLUID, links=links)
+        return replace(self, fluid=NO_FLUID, links=links, balls=())
 
     @cached_property
     def digest(self) -> str:
@@ -439,6 +471,8 @@ class Robot:
             parts += (("gravcomp", [(one.name, one.gravcomp) for one in self.buoyant]),)
         if creeping := [(j.name, j.relaxation) for j in self.joints if j.relaxation]:
             parts += (creeping,)
+        if self.balls:
+            parts += (self.balls,)
         if self.forces:
             parts += ([content(force) for force in self.forces],)
         return hashlib.sha256(repr(parts).encode()).hexdigest()

@@ -24,7 +24,7 @@ from softdyn.description.annotations import (
     read_block,
     read_springs,
 )
-from softdyn.description.inertia import MOMENTS
+from softdyn.description.inertia import MOMENTS, written_in_another_order
 from softdyn.description.mimics import compose_mimics, read_mimic
 from softdyn.description.motors import read_motors
 from softdyn.description.origins import VERSIONS, in_rpy, read_origin, set_rpy, version
@@ -198,6 +198,7 @@ def _robot(
         tasks=block.tasks,
         gravity=_gravity(root if element is None else element, block.gravity, gravity),
         fluid=block.fluid,
+        balls=block.balls,
         xml=etree.tostring(_judged(root), encoding="unicode"),
         text=etree.tostring(root.node, encoding="unicode"),
         annotations=block_text,
@@ -416,7 +417,9 @@ def _check_bodies(root: Element, robot: Robot) -> tuple[str, ...]:
             expected = "a physical inertia, with its fixed links"
             if culprits and name not in culprits:
                 expected += f" such as {culprits[0]!r}"
-            raise elements[name].error(expected, defect)
+            wrong = [link for link in robot.links if link.name in culprits]
+            hint = written_in_another_order(wrong[0].moments) if wrong else ""
+            raise elements[name].error(expected, hint + defect)
     massive = _massive(robot, {name for name, body in bodies.items() if body.mass > 0})
     for joint in robot.joints:
         driven = [joint.child]

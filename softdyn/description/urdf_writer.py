@@ -168,6 +168,14 @@ def _block(robot: Robot) -> list[str]:
         lines += [tag("task", **_task(task)) for task in robot.tasks]
     elif robot.task:
         lines.append(tag("task", frame=robot.task))
+    for ball in robot.balls:
+        lines.append(
+            tag(
+                "ball", name=ball.name, joints=" ".join(ball.joints),
+                stiffness=ball.stiffness or None, damping=ball.damping or None,
+                stiffness_poly=ball.stiffness_poly if any(ball.stiffness_poly) else None,
+            )
+        )  # fmt: skip
     if fluid := robot.fluid:
         lines.append(tag("fluid", density=fluid.density or None, viscosity=fluid.viscosity or None))
     gravity = None if robot.gravity == EARTH else robot.gravity

@@ -282,6 +282,8 @@ def _prefixed(data: Data, prefix: str) -> Data:
         value = getattr(data, part.name)
         if part.name in REFERENCES and isinstance(value, str):
             new[part.name] = value and prefix + value
+        elif part.name == "joints" and all(isinstance(one, str) for one in value):
+            new[part.name] = tuple(prefix + name for name in value)
         elif is_dataclass(value) or isinstance(value, tuple):
             new[part.name] = _prefixed(value, prefix)
     return replace(data, **new)

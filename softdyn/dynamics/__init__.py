@@ -15,6 +15,7 @@
 - `curves`: springs and dampers that are not linear;
 - `buoyancy`: the buoyancy of links;
 - `relaxation`: Maxwell branches beside the springs of joints, for materials that creep;
+- `balls`: the springs and dampers of ball joints;
 - `fluid`: the drag of a fluid on the links;
 - `forces`: joint forces of one's own, `Force`: the contract and its checked calls;
 - `balance`: r = M a + h - B u - E d and its Jacobians, with winches and slow disturbances;

@@ -121,9 +121,9 @@ class SoftModel(Protocol):
 
     @property
     def forced(self) -> bool:
-        """Whether F acts: forces of one's own, the drag of a fluid, or buoyancy."""
+        """Whether F acts: own forces, drag of a fluid, buoyancy, or springs of ball joints."""
         robot = self.robot
-        return bool(robot.forces or robot.fluid or robot.buoyant)
+        return bool(robot.forces or robot.fluid or robot.buoyant or robot.balls)
 
     def with_forces(self, *forces: Any) -> SoftModel:
         """A new model of the robot, on which further forces act.

@@ -127,6 +127,8 @@ def rig_lines(robot: Robot) -> Iterator[str]:
     kinds = Counter(sensor.kind.value for sensor in robot.sensors)
     if kinds:
         yield f"sensors: {', '.join(f'{count} {kind}' for kind, count in kinds.items())}"
+    if robot.balls:
+        yield f"ball joints: {short([ball.name for ball in robot.balls])}"
     if fluid := robot.fluid:
         yield f"fluid: density {fluid.density:g} kg/m³, viscosity {fluid.viscosity:g} Pa s"
     if robot.buoyant:

@@ -15,6 +15,7 @@ from softdyn.compiled import COMPILES
 from softdyn.description.robot import Robot
 from softdyn.dynamics import kernels
 from softdyn.dynamics.areas import areas_of
+from softdyn.dynamics.balls import BallSprings
 from softdyn.dynamics.buoyancy import Buoyancy
 from softdyn.dynamics.coordinates import Coordinates
 from softdyn.dynamics.curves import curves_of
@@ -183,6 +184,8 @@ class TreeModel(SoftModel):
                 if body
             ]
             self._forces = (*self._forces, Buoyancy(self.engine, lifted))
+        if robot.balls:
+            self._forces = (*self._forces, BallSprings(robot, self.joint_names))
         free = replace(robot.dry, forces=()) if self._forces else robot
         self.unforced = self if free is self.robot else self._sharing(free)
 

@@ -26,6 +26,7 @@ from softdyn.statics.equilibrium import Equilibrium, locked_inputs
 from softdyn.statics.suspicious_values import (
     below_floor,
     fast_springs,
+    light_bodies,
     suspicious_shapes,
     suspicious_values,
     unbalanced,
@@ -335,7 +336,7 @@ def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:
             *suspicious_values(robot), *unbalanced(model), *([fast] if fast else []), *outsize,
             *_unheld(model, poses), *(() if held is None else cable_edges(held)),
         ),
-        (floor,) if floor else (),
+        (floor,) if floor else tuple(light_bodies(robot)),
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from softdyn.description.meshes import Mesh
-from softdyn.description.robot import Joint, Robot, Tendon, moving_bodies
+from softdyn.description.robot import Ball, Joint, Robot, Tendon, moving_bodies
 from softdyn.description.visuals import triangles, visuals
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.dynamics.projection import Projection, underlying_tree
@@ -26,12 +26,13 @@ DENSE, LIGHT = (
 SMALLEST, LARGEST = 1e-4, 50.0  # m from the root to the farthest joint or tip
 DEGREES = 3 * 2 * math.pi  # rad: three turns
 OUTSIZE = 20.0  # width of a mesh over the robot's length
+UNIT = (1.0, 1 / 6)  # kg m²: ones, and a cube of 1 kg and 1 m
 BULKY = 3.0  # radius of gyration over the distance to the next joint
 
 
 def suspicious_values(robot: Robot) -> tuple[str, ...]:
     """One line for each number that looks wrong; shapes are left out."""
-    return (*_sizes(robot), *_limits(robot), *_bodies(robot), *_springs(robot))
+    return (*_sizes(robot), *_limits(robot), *_defaults(robot), *_bodies(robot), *_springs(robot))
 
 
 def suspicious_shapes(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -147,6 +148,18 @@ def unbalanced(model: SoftModel) -> Iterator[str]:
             )
 
 
+def light_bodies(robot: Robot) -> Iterator[str]:
+    """One line for each moving body below MuJoCo's least inertia; points are left out."""
+    for name, body in moving_bodies(robot).items():
+        most = float(np.linalg.eigvalsh(body.tensor)[-1])
+        if body.mass > 0 and 0 < most < FLOOR:
+            yield (
+                f"link {name!r}: its inertia of {most:.2g} kg m² is below MuJoCo's least one of "
+                f"{FLOOR:g}: MuJoCo refuses such a body, and `softdyn export --mjcf` writes a "
+                "larger inertia; is it in other units?"
+            )
+
+
 def _carried(robot: Robot) -> dict[str, float]:
     """The mass (kg) beyond each joint; a leader carries its followers' too.
 
@@ -195,6 +208,18 @@ def _limits(robot: Robot) -> Iterator[str]:
             yield f"joint {joint.name!r} is beyond its limits at q = 0, the pose in the file"
 
 
+def _defaults(robot: Robot) -> Iterator[str]:
+    """One line for each link with the numbers of a CAD program that was told no material."""
+    for link in robot.links:
+        xx, xy, xz, yy, yz, zz = link.moments
+        equal = xx == yy == zz and not any((xy, xz, yz))
+        if link.mass == 1 and equal and any(abs(xx - one) < 1e-3 for one in UNIT):
+            yield (
+                f"link {link.name!r}: 1 kg and {xx:g} kg m² about each axis: a CAD program's "
+                "default, without a material?"
+            )
+
+
 def _bodies(robot: Robot) -> Iterator[str]:
     bodies = moving_bodies(robot)
     masses = [body.mass for body in bodies.values() if body.mass > 0]
@@ -229,7 +254,7 @@ def _bodies(robot: Robot) -> Iterator[str]:
 
 def _springs(robot: Robot) -> Iterator[str]:
     free = [joint for joint in robot.moving_joints if joint.mimic is None]
-    springs: list[Joint | Tendon] = [*free, *robot.tendons]
+    springs: list[Joint | Tendon | Ball] = [*free, *robot.tendons, *robot.balls]
     elastic = any(part.stiffness > 0 or any(part.stiffness_poly) for part in springs)
     moving = [actuator for actuator in robot.actuators if actuator.lower < actuator.upper]
     if not elastic and 0 < len(moving) < len(free):
@@ -258,6 +283,9 @@ def _springs(robot: Robot) -> Iterator[str]:
             )
         if joint.stiffness > 0 and _first(joint) not in damped:
             yield f"joint {joint.name!r} has a spring and no damping: it will oscillate for ever"
+    for ball in robot.balls:
+        if ball.stiffness > 0 and ball.damping == 0:
+            yield f"ball {ball.name!r} has a spring and no damping: it will oscillate for ever"
     for actuator in robot.actuators:
         tendon = next(t for t in robot.tendons if t.name == actuator.tendon)
         if actuator.gear == 0 or actuator.lower == actuator.upper == 0:

@@ -212,3 +212,27 @@ def test_nothing_sound_is_repaired(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match='<link name="base">: principal moments'):
         model = softdyn.load(path, repair_inertia=True)
     assert not model.robot.mended
+
+
+@pytest.mark.parametrize(
+    ("numbers", "words"),
+    [
+        ((2.0, 2.5, 3.0, 0.1, 0.2, 0.0), "xx, yy, zz, xy, xz, yz"),
+        ((2.0, 0.1, 2.5, 0.2, 0.0, 3.0), "xx, xy, yy, xz, yz, zz"),
+        ((2.0, 0.1, 0.2, 0.1, 2.5, 0.0), "row by row"),
+        ((2.0, 0.0, 0.0, 2.5, 0.0, 9.0), ""),
+    ],
+)
+def test_numbers_in_another_order_are_told(tmp_path: Path, numbers, words: str) -> None:
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    tensor = " ".join(f'{name}="{x}"' for name, x in zip(names, numbers, strict=True))
+    path = tmp_path / "one.urdf"
+    path.write_text(
+        '<robot name="one"><link name="a"/><link name="b"><inertial><mass value="1"/>'
+        f'<inertia {tensor}/></inertial></link><joint name="j" type="continuous">'
+        '<parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    with pytest.raises(UrdfError) as error:
+        parse(path)
+    assert words in error.value.got
+    assert ("?" in error.value.got) is bool(words)

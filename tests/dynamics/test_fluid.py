@@ -50,6 +50,20 @@ def test_every_term_and_trajectory_is_mujoco_s(model) -> None:
     assert np.abs(moving.F).max() > 0
 
 
+class Push:
+    """A constant force of one's own."""
+
+    name = "push"
+
+    def __call__(self, model, q, v):
+        return 0.1 * np.ones(model.nv)
+
+
+def test_a_force_of_one_s_own_beside_it_leaves_one_fluid() -> None:
+    found = crosscheck(ROBOTS["finger"]().with_forces(Push()), samples=3, trajectories=False)
+    assert found.passed, str(found)
+
+
 def test_its_derivatives_are_those_of_the_force(model) -> None:
     rng = np.random.default_rng(4)
     q = model.integrate(model.q0, rng.uniform(-0.3, 0.3, model.nv))

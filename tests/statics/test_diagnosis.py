@@ -275,6 +275,8 @@ DOUBTS = [
       'ixx="100" ixy="0" ixz="0" iyy="100" iyz="0" izz="100"'), "inertia in g mm²"),
     (('ixx="1e-7" ixy="0" ixz="0" iyy="1e-7" iyz="0" izz="1e-7"',
       'ixx="1e-11" ixy="0" ixz="0" iyy="1e-11" iyz="0" izz="1e-11"'), "kg/m³"),
+    (('<mass value="0.002"/><inertia ixx="1e-7" ixy="0" ixz="0" iyy="1e-7" iyz="0" izz="1e-7"',
+      '<mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"'), "default"),
     (("<springReference>-0.1<", "<springReference>2<"), "rests at 2, beyond its limits"),
     (('<dynamics damping="2"/>', ""), "a spring and no damping"),
     (('gear="50"', 'gear="0"'), "can do nothing"),
@@ -457,6 +459,14 @@ def test_a_robot_below_mujocos_floor_is_named(share: float, tmp_path: Path) -> N
     mujoco.mj_forward(twin.model, twin.data)
     warned = twin.data.warning[mujoco.mjtWarning.mjWARN_INERTIA].number
     assert bool(warned) is (share < 1)
+
+
+def test_a_body_below_mujocos_floor_is_named(tmp_path: Path) -> None:
+    text = '"1e-7" ixy="0" ixz="0" iyy="1e-7" iyz="0" izz="1e-7"'
+    path = tmp_path / "gripper.urdf"
+    path.write_text(SOUND.replace(text, text.replace("1e-7", "1e-17")))
+    notes = diagnose(softdyn.load(path), 1).notes
+    assert any("1e-17 kg m²" in note for note in notes)
 
 
 def test_what_no_spring_holds_and_no_actuator_pulls(tmp_path: Path) -> None:

@@ -77,9 +77,11 @@ class MujocoTerms:
         if isinstance(twin, Twin) and twin.areas is not None:
             self._areas = ChamberAreas(twin.robot, self._model)
         self._own: OwnForces | None = None  # given ones, which MuJoCo does not judge
-        if twin.robot.forces or self._areas is not None:
+        if twin.robot.forces or twin.robot.balls or self._areas is not None:
             rested = MotionMemory(self._model, twin.robot)
-            self._own = OwnForces(twin.robot, self._model, self._data, states, rested, self._areas)
+            self._own = OwnForces(
+                twin.robot, self._model, self._data, states, twin.rest, rested, self._areas
+            )
 
     # -- at one state --------------------------------------------------------------------------
 
@@ -141,9 +143,12 @@ class MujocoTerms:
         return gravity
 
     def F(self) -> np.ndarray:
-        """Forces of a fluid and of buoyancy (nv,)."""
-        found: np.ndarray = self._map.T @ (self._data.qfrc_fluid + self._data.qfrc_gravcomp)
-        return found
+        """Forces of a fluid, of buoyancy and of ball joints (nv,)."""
+        found = self._data.qfrc_fluid + self._data.qfrc_gravcomp
+        if self._own is not None:
+            found += self._own.of_balls(self._data.qpos, self._qvel)
+        moved: np.ndarray = self._map.T @ found
+        return moved
 
     def K(self) -> np.ndarray:
         """Spring forces (nv,) of joints and tendons, on the left-hand side."""

@@ -15,6 +15,7 @@ from softdyn.controllers.controller import KnownRig
 from softdyn.copies import KeepsMaking, Separate
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
+from softdyn.files import existing_folder
 from softdyn.toml_table import TomlTable
 from softdyn.validation.loop.settings import SCENE
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
@@ -22,6 +23,7 @@ from softdyn.validation.mjcf.comparison.from_mjcf import from_mjcf
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral
 from softdyn.validation.mjcf.comparison.side import Side
+from softdyn.validation.mjcf.mjcf_file import Contents
 from softdyn.validation.mjcf.scene_inputs import map_cables, map_inputs
 from softdyn.validation.mjcf.servos import Servos, obstacle
 from softdyn.validation.mjcf.transform import Transform
@@ -48,11 +50,13 @@ class Scene(KeepsMaking, Separate):
     model : SoftModel
         The controller's model.
     source : str, Path or Side
-        An MJCF. It is read strictly: includes and meshes from its own folder only.
+        An MJCF. It is read strictly: includes and meshes from its own folder only, or from `root`.
     timestep : float, optional
         Integration step (s); the file's by default.
     mapping : Mapping[str, str], optional
         Joints of the model → joints of the scene, for joints that would be matched wrongly.
+    root : str or Path, optional
+        A folder below which includes and meshes may lie, too.
 
     Attributes
     ----------
@@ -90,8 +94,10 @@ class Scene(KeepsMaking, Separate):
         *,
         timestep: float | None = None,
         mapping: Mapping[str, str] | None = None,
+        root: str | Path | None = None,
     ) -> None:
-        side = source if isinstance(source, Side) else Side(Path(source))
+        above = None if root is None else existing_folder("root", root)
+        side = source if isinstance(source, Side) else Side(Path(source), Contents(root=above))
         self.path = side.path
         self.model = copy.copy(side.scene)
         ours, theirs = from_urdf(model.robot), from_mjcf(self.path, self.model)
@@ -265,6 +271,6 @@ def scene_of(model: SoftModel, given: str | Path | Mapping[str, Any]) -> Scene:
         As of `Scene`.
     """
     table = TomlTable(given if isinstance(given, Mapping) else {SCENE: given}, "plant")
-    values = table.rest((SCENE, "mapping", "timestep", "reads"))
+    values = table.rest((SCENE, "mapping", "timestep", "root", "reads"))
     values.pop("reads", None)  # the files that a record names beside it
     return Scene(model, values.pop(SCENE), **values)

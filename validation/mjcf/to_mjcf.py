@@ -82,6 +82,10 @@ class _Writer:
             name: (frame.part, frame.pose) for name, frame in neutral.frames.items()
         }
         self._place |= {part.link: (k, part.pose) for k, part in enumerate(neutral.parts)}
+        for ball in robot.balls:
+            number = [part.name for part in neutral.parts].index(ball.name)
+            place = number, neutral.parts[number].pose
+            self._place |= dict.fromkeys(ball.inner_links(robot.joints), place)
         shown, _ = visuals(robot)
         self._shapes: dict[int, list[Visual]] = {}
         for visual in shown:
@@ -169,7 +173,8 @@ class _Writer:
         if part.lower == part.upper:  # a range must have some width
             span += POINT
         add(
-            body, "joint", name=part.name, type=part.kind, axis=part.axis,
+            body, "joint", name=part.name, type=part.kind,
+            axis=None if part.kind == "ball" else part.axis,
             pos=part.point - self._origin[k],
             limited="true" if limited else "false",
             range=span if limited else None,
@@ -345,6 +350,8 @@ class _Writer:
         for joint in root.iter("joint", "freejoint"):
             if joint.tag == "freejoint":
                 qpos += [0, 0, 0, 1, 0, 0, 0]
+            elif joint.get("type") == "ball":
+                qpos += [1, 0, 0, 0]
             elif joint.get("type") is not None:
                 qpos.append(offsets.get(str(joint.get("name")), 0.0))
         if qpos:

@@ -1,7 +1,8 @@
 """An MJCF written as an annotated URDF, with a list of the properties that a URDF cannot state.
 
 All links that move have the axes of the root and lie on their joints. A body with several joints
-becomes a chain of massless links. A body whose frame does not lie on its joint, and each named
+becomes a chain of massless links, and so does one with a ball joint: it has three hinges, whose
+spring and damper are a ``<ball>``. A body whose frame does not lie on its joint, and each named
 site, becomes a link that is fixed there.
 """
 
@@ -20,6 +21,7 @@ from softdyn.description.rig import CommandKind
 from softdyn.description.robot import (
     ZERO,
     Actuator,
+    Ball,
     Fluid,
     Joint,
     JointTerm,
@@ -34,6 +36,7 @@ from softdyn.description.robot import (
     Wrap,
     deepest_leaf,
 )
+from softdyn.exceptions import UrdfError
 from softdyn.validation.mjcf.comparison.neutral import (
     FLUID,
     RELAXATION,
@@ -92,7 +95,9 @@ def to_urdf(
     else:
         link_of[WORLD] = names.new("world")
         links.append(Link(link_of[WORLD], looks=tuple(looks.get(WORLD, ()))))
-    welded = ("ball",) if floating else ("ball", "free")
+    welded = () if floating else ("free",)
+    balls: list[Ball] = []
+    joint_names = Names(*(part.name for part in source.parts))
     for part in source.parts:
         if part.kind in welded:
             lost.append(f"{part.kind} joint {part.name!r}: welded")
@@ -111,6 +116,12 @@ def to_urdf(
             continue
         place = Origin(_place(source, part.parent, part.point))
         joint = Joint(part.name, "fixed", link_of[part.parent], link_of[k], place)
+        if part.kind == "ball":
+            own, between = _hinges(joint, part, (names, joint_names))
+            joints += own
+            links[-1:-1] = [Link(name) for name in between]
+            balls.append(_ball(source, part, own, lost))
+            continue
         joints.append(joint if part.kind in welded else _moving(joint, source, part, lost))
     for label, frame in (apart | source.cable_sites | source.frames).items():
         if frame.part in link_of:
@@ -125,7 +136,7 @@ def to_urdf(
     fluid = Fluid(*(source.features.get(name, (0.0,))[0] for name in FLUID))
     robot = Robot(
         name, tuple(links), tuple(joints), tuple(tendons), actuators, floating=floating,
-        gravity=(x, y, z), fluid=fluid,
+        gravity=(x, y, z), fluid=fluid, balls=tuple(balls),
         comment=f" {name}, written by softdyn from {source.path.name} ",
     )  # fmt: skip
     return Converted(replace(robot, task=deepest_leaf(robot)), tuple(lost))
@@ -134,6 +145,59 @@ def to_urdf(
 def _place(source: Neutral, k: int, point: np.ndarray) -> Vector:
     """A point in the frame of a part's link; the frame's origin is the part's joint."""
     return tuple((point if k == WORLD else point - source.parts[k].point).tolist())
+
+
+def _hinges(joint: Joint, part: Part, names: tuple[Names, Names]) -> tuple[list[Joint], list[str]]:
+    """Three hinges in the place of a ball, and the names of the links between them.
+
+    The hinges are singular where the middle one is at ±90°. Its axis is that of the root's nearest
+    to the way from the joint to the body's centre of mass: a long body rarely twists so far.
+    """
+    along = part.inertia.com - part.point if part.inertia.mass else np.array([0.0, 1.0, 0.0])
+    middle = int(np.argmax(np.abs(along)))
+    axes = [(middle + k) % 3 for k in (-1, 0, 1)]
+    links, joints = names
+    between = [links.new(f"{part.name}_{'xyz'[axis]}_link") for axis in axes[:2]]
+    found = []
+    chain = [joint.parent, *between, joint.child]
+    sprung = bool(part.stiffness) or any(part.stiffness_curve)
+    for k, axis in enumerate(axes):
+        most = math.pi / 2 if axis == middle else math.pi if sprung else math.inf
+        found.append(
+            Joint(
+                joints.new(f"{part.name}_{'xyz'[axis]}"),
+                "revolute" if math.isfinite(most) else "continuous", chain[k], chain[k + 1],
+                joint.origin if k == 0 else Origin(), tuple(np.eye(3)[axis].tolist()), -most, most,
+            )
+        )  # fmt: skip
+    return found, between
+
+
+def _ball(source: Neutral, part: Part, hinges: Sequence[Joint], lost: list[str]) -> Ball:
+    """The spring and the damper of a ball.
+
+    Raises
+    ------
+    UrdfError
+        For a ball with an armature, which would be another mass matrix.
+    """
+    where = f"ball joint {part.name!r}"
+    if part.armature:
+        raise UrdfError(
+            source.path, f"<joint name={part.name!r}>", "a ball joint without armature",
+            f"{part.armature:g}",
+        )  # fmt: skip
+    others = ", the others to ±180°" if math.isfinite(hinges[0].upper) else ""
+    lost.append(f"{where}: three hinges, of which {hinges[1].name!r} is limited to ±90°{others}")
+    if any(part.damping_curve):
+        lost.append(f"{where}: its damper of higher powers")
+    if part.friction:
+        lost.append(f"{where}: its friction")
+    if math.isfinite(part.upper):
+        lost.append(f"{where}: its largest angle, {part.upper:g} rad")
+    first, second, third = (hinge.name for hinge in hinges)
+    x, y = part.stiffness_curve
+    return Ball(part.name, (first, second, third), part.stiffness, part.damping, (x, y))
 
 
 def _moving(joint: Joint, source: Neutral, part: Part, lost: list[str]) -> Joint:

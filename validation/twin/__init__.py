@@ -11,6 +11,7 @@
 - `state_map`: the convention map between a model's state and the twin's
 - `free_base`: a floating base in MuJoCo's variables, so that both engines integrate alike
 - `rotors`: the part of tendons' armatures in M that MuJoCo leaves out
+- `balls`: springs and dampers of ball joints, from MuJoCo's kinematics
 - `own_forces`: forces of a user's own, taken into each step
 - `chamber_areas`: areas of chambers that change with their stretch
 - `cable_friction`: friction of cables on their guides in MuJoCo's terms

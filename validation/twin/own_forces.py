@@ -1,7 +1,8 @@
-"""Forces of a user's own in the twin.
+"""Forces of a user's own in the twin, and the springs of ball joints on hinges.
 
 MuJoCo has no such force. The twin calls the same object as the model does, with the model of its
-own robot, so that the force is given and not checked. At each step it takes F and ∂F/∂q̇ into
+own robot, so that the force is given and not checked. Springs of ball joints are its own: see
+`softdyn.validation.twin.balls`. At each step it takes F and ∂F/∂q̇ into
 MuJoCo's own linear system. MuJoCo's implicit schemes solve
 
     A a = f,    A = M - h ∂f/∂q̇,
@@ -26,6 +27,7 @@ import numpy as np
 from softdyn.dynamics.forces import STEP
 from softdyn.dynamics.mimic import build
 from softdyn.exceptions import InputError
+from softdyn.validation.twin.balls import TwinBalls
 from softdyn.validation.twin.free_base import rk4_on_rotations
 from softdyn.validation.twin.integrators import Integrator
 
@@ -41,7 +43,7 @@ HALVINGS = 20  # of a step that is too long; a shorter one is no answer
 
 
 class OwnForces:
-    """The forces of a user's own on a MuJoCo model.
+    """The forces of a user's own on a MuJoCo model, and its ball joints.
 
     Parameters
     ----------
@@ -51,6 +53,8 @@ class OwnForces:
         Its MuJoCo model, and the state that moves.
     states : StateMap
         The map from the model's states to MuJoCo's.
+    rest : np.ndarray, (MuJoCo's nq,)
+        qpos at q = 0.
     memory : MotionMemory
         The torques of branches and hysteresis.
     areas : ChamberAreas, optional
@@ -69,11 +73,14 @@ class OwnForces:
 
     def __init__(
         self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, states: StateMap,
-        memory: MotionMemory, areas: ChamberAreas | None = None,
+        rest: np.ndarray, memory: MotionMemory, areas: ChamberAreas | None = None,
     ) -> None:  # fmt: skip
         self._memory, self._areas = memory, areas
         self._model, self._data, self._states = model, data, states
+        # MuJoCo itself has the fluid
         self._scratch, self._robot = mujoco.MjData(model), build(robot.dry)
+        self._balls = TwinBalls(robot.balls, model, rest)
+        self._ball_names = [ball.name for ball in robot.balls]
         self.scheme = model.opt.integrator
         self.forget()
         self._slopes = all(hasattr(force, "derivatives") for force in robot.forces)
@@ -100,11 +107,15 @@ class OwnForces:
 
     def _applied(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         """F (MuJoCo's nv,); that of followers acts on their leaders."""
-        if not self._robot.robot.forces:
-            return self._memory.force()
-        force = self._robot.forces_at(*self._states.from_twin(qpos, qvel))
-        found = self._turned(qpos) @ force
+        found = self.of_balls(qpos, qvel)
+        if self._robot.forces:
+            force = self._robot.forces_at(*self._states.from_twin(qpos, qvel))
+            found += self._turned(qpos) @ force
         return found + self._memory.force() if self._memory else found
+
+    def of_balls(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+        """The force of the ball joints alone (MuJoCo's nv,)."""
+        return self._balls.force(qpos, qvel)
 
     def _turned(self, qpos: np.ndarray) -> np.ndarray:
         """P (MuJoCo's nv, nv) without the rows of followers: it maps forces to MuJoCo's."""
@@ -115,6 +126,9 @@ class OwnForces:
     def rate_slopes(self) -> np.ndarray:
         """∂F/∂q̇ (MuJoCo's nv, MuJoCo's nv) at the present state."""
         data = self._data
+        damping = self._balls.damping()
+        if not self._robot.forces:
+            return -damping
         q, v = self._states.from_twin(data.qpos, data.qvel)
         if self._slopes:
             _, by_v = self._robot.force_derivatives(q, v)
@@ -126,7 +140,8 @@ class OwnForces:
                 ahead, behind = (self._robot.forces_at(q, v + sign * move) for sign in (1, -1))
                 by_v[:, k] = (ahead - behind) / (2 * STEP)
         P = self._turned(data.qpos)
-        return P @ by_v @ P.T
+        found: np.ndarray = P @ by_v @ P.T - damping
+        return found
 
     def step(self) -> None:
         """One step of the present state under the controls in `data`, as ``mj_step``."""
@@ -204,7 +219,7 @@ class OwnForces:
             The error names the step that would do.
         """
         model, data = self._model, self._data
-        if 0.0 <= data.time - self._checked < CHECKED or not self._robot.forces:
+        if 0.0 <= data.time - self._checked < CHECKED or not self._names:
             return
         self._checked = float(data.time)
         self.update()
@@ -212,10 +227,11 @@ class OwnForces:
         h = model.opt.timestep
         M = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, M)
-        q, v = self._states.from_twin(data.qpos, data.qvel)
-        by_q, _ = self._robot.force_derivatives(q, v)
-        P = self._turned(data.qpos)
-        K, D, is_stable = -P @ by_q @ P.T, -self.rate_slopes(), _follows_explicitly
+        K, D, is_stable = self._balls.stiffness(), -self.rate_slopes(), _follows_explicitly
+        if self._robot.forces:
+            by_q, _ = self._robot.force_derivatives(*self._states.from_twin(data.qpos, data.qvel))
+            P = self._turned(data.qpos)
+            K -= P @ by_q @ P.T
         if self.scheme != Integrator.RK4.mujoco:
             D, is_stable = D + (self._matrix() - M) / h, _follows_implicitly
         if is_stable(M, D, K, h):
@@ -228,7 +244,8 @@ class OwnForces:
 
     @property
     def _names(self) -> str:
-        return ", ".join(repr(force.name) for force in self._robot.forces)
+        names = [force.name for force in self._robot.forces] + self._ball_names
+        return ", ".join(map(repr, names))
 
 
 def _follows_implicitly(M: np.ndarray, D: np.ndarray, K: np.ndarray, h: float) -> bool:

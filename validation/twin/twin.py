@@ -182,10 +182,10 @@ class Twin(Separate):
         self._own: OwnForces | None = None
         self.memory = MotionMemory(self.model, self.robot)
         staged = scheme is Integrator.RK4 and (self.memory or changing)
-        if self.robot.forces or staged:
+        if self.robot.forces or self.robot.balls or staged:
             self._own = OwnForces(
                 self.robot, self.model, self.data, StateMap(build_model(self.robot), self),
-                self.memory, self.areas,
+                self.rest, self.memory, self.areas,
             )  # fmt: skip
         self._lost = coupling_tendons(self.model)
         self.reset()

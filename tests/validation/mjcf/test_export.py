@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import softdyn
+from softdyn import UrdfError
 from softdyn.description.urdf import parse_text
 from softdyn.description.urdf_writer import write
 from softdyn.validation import Twin, compare
@@ -87,7 +88,7 @@ def test_round_trip(tmp_path, text):
     for a, b in ((source, there), (there, back), (source, back)):
         result = compare(a, b)
         assert result.passed, str(result)
-        assert not {cause.kind for cause in result.causes} - {"limit", "effort"}
+        assert not {cause.kind for cause in result.causes} - {"limit", "effort", "frame"}
     softdyn.load(back, floating=floating)
 
 
@@ -121,10 +122,10 @@ def test_what_a_urdf_cannot_say_is_listed(tmp_path):
         assert word in said
     model = softdyn.load(tmp_path / "out.urdf")
     assert model.robot.gravity == (0, 0, -3)
-    assert (model.nv, model.nu) == (1, 1)
-    state = model.state(model.q0, np.zeros(1))
-    assert state.B.tolist() == [[3.0]]
-    assert neutral(tmp_path / "out.urdf").parts[0].name == "h"
+    assert (model.nv, model.nu) == (4, 1)
+    state = model.state(model.q0, np.zeros(4))
+    assert state.B.ravel().tolist() == [0.0, 0.0, 0.0, 3.0]
+    assert [part.name for part in neutral(tmp_path / "out.urdf").parts] == ["b", "h"]
 
 
 def test_an_inertia_that_no_body_has_becomes_the_nearest_one(tmp_path):
@@ -296,3 +297,21 @@ def test_a_site_on_the_surface_is_wrapped_by_mujoco_too(tmp_path):
         mujoco.mj_forward(engine, data)
         lengths = model.tendon_lengths(model.configuration(q))
         np.testing.assert_allclose(lengths, data.ten_length, atol=1e-10)
+
+
+def test_a_muscle_and_odd_inertias_of_an_mjcf_are_named(tmp_path):
+    path, body = tmp_path / "robot.xml", '<body><joint name="h"/><inertial pos="0 0 1" {}/></body>'
+    text = "<mujoco><worldbody>{}</worldbody>{}</mujoco>"
+    muscle = '<actuator><muscle name="biceps" joint="h" lengthrange="0 1"/></actuator>'
+    path.write_text(text.format(body.format('mass="1" diaginertia="1 1 1"'), muscle))
+    result, lost = export.write_urdf(path, tmp_path / "out.urdf")
+    assert not result.passed
+    assert any("'biceps'" in one and "muscle" in one for one in lost)
+    for inertia, word in (
+        ('mass="1" fullinertia="2 0.1 0.2 2.5 0 3"', "xx yy zz"),
+        ('mass="1" diaginertia="1e-17 1e-17 1e-17"', "1e-15"),
+    ):
+        path.write_text(text.format(body.format(inertia), ""))
+        with pytest.raises(UrdfError) as error:
+            neutral(path)
+        assert word in str(error.value)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import softdyn
+from softdyn.validation import compare
 from softdyn.validation.mjcf import export
 
 # Several joints in one body, each in a place of its own, with ref and springref; a cable on sites.
@@ -117,3 +118,20 @@ def test_a_muscle_is_named_among_the_losses(tmp_path: Path) -> None:
     (line,) = [line for line in lost if "'m'" in line]
     assert "muscle" in line
     assert "activation" in line
+
+
+def test_a_turned_site_makes_the_files_differ(tmp_path):
+    """A task of the kind orientation would have another target."""
+    text = (
+        '<mujoco><worldbody><body><joint name="j" axis="0 1 0"/><inertial pos="0 0 -0.1" mass="1"'
+        ' diaginertia="1e-3 1e-3 1e-3"/><site name="tip" pos="0 0 -0.2" euler="0 0 {}"/></body>'
+        "</worldbody></mujoco>"
+    )
+    paths = [tmp_path / f"{angle}.xml" for angle in (0, 30)]
+    for path, angle in zip(paths, (0, 30), strict=True):
+        path.write_text(text.format(angle))
+    found = compare(*paths)
+    assert not found.passed
+    assert [(cause.kind, cause.where) for cause in found.causes] == [("frame", "tip")]
+    result, _ = export.write_urdf(paths[1], tmp_path / "out.urdf")
+    assert result.passed

@@ -96,3 +96,16 @@ def test_a_root_that_is_no_folder_is_refused(tree):
         assert refused.value.name == "root"
     seen = command("view", "finger", "--html", tree / "page.html", "--root", tree)
     assert seen.code == 0, seen.err
+
+
+def test_a_plant_reads_below_the_root_and_its_record_says_so(tree):
+    scene, plant = ROOT / "docs/examples/finger_scene.xml", tree / "models/hand/scene.xml"
+    inner = scene.read_text().partition("<mujoco")[2].partition(">")[2].rpartition("</mujoco>")[0]
+    (tree / "models/common/all.xml").write_text(f"<mujocoinclude>{inner}</mujocoinclude>")
+    plant.write_text('<mujoco><include file="../common/all.xml"/></mujoco>')
+    words = ("run", "finger", "best", "--theta", "0.5", "--duration", "0.02", "--no-verdict")
+    words = (*words, "--plant", plant, "--log", tree / "run.npz")
+    refused = command(*words)
+    assert (refused.code, "--root DIR" in refused.err) == (2, True)
+    assert command(*words, "--root", tree).code == 0
+    assert command("run", "--from", tree / "run.npz").code == 0

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from lxml import etree
 
-from softdyn.description.inertia import Inertia
+from softdyn.description.inertia import Inertia, symmetric
 from softdyn.description.strict_xml import LARGEST
 from softdyn.exceptions import UrdfError
 from softdyn.validation.mjcf.comparison.mjcf_drives import (
@@ -60,7 +61,8 @@ def compile_mjcf(file: Mjcf) -> mujoco.MjModel:
             warnings.simplefilter("ignore", UserWarning)
             model = _specify(file).compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
-        raise UrdfError(file.path, "<mujoco>", "a file that MuJoCo compiles", error) from None
+        got = f"{_hint(file.text, str(error))}{error}"
+        raise UrdfError(file.path, "<mujoco>", "a file that MuJoCo compiles", got) from None
     if model.nbody > MAX_BODIES:
         raise UrdfError(file.path, "<worldbody>", f"at most {MAX_BODIES} bodies", model.nbody)
     for name in (
@@ -71,6 +73,22 @@ def compile_mjcf(file: Mjcf) -> mujoco.MjModel:
             expected = f"numbers within ±{LARGEST:g}"
             raise UrdfError(file.path, "<worldbody>", expected, f"{largest:g} in {name}")
     return model
+
+
+def _hint(text: str, error: str) -> str:
+    """Words about what the inertias look like that MuJoCo refuses; empty if nothing is known."""
+    if "mjMINVAL" in error:
+        return "below 1e-15 kg or kg m², in other units? "
+    for node in etree.fromstring(text).iter("inertial"):
+        words = (node.get("fullinertia") or "").split()
+        if len(words) != 6:
+            continue
+        xx, yy, zz, xy, xz, yz = numbers = [float(word) for word in words]
+        if min(np.linalg.eigvalsh(symmetric((xx, xy, xz, yy, yz, zz)))) > 0:
+            continue
+        if not Inertia(1.0, np.zeros(3), symmetric(numbers)).defect():
+            return "fullinertia in the order xx xy xz yy yz zz, not xx yy zz xy xz yz? "
+    return ""
 
 
 def _specify(file: Mjcf) -> mujoco.MjSpec:

@@ -13,6 +13,7 @@ import numpy as np
 from softdyn.description.inertia import Inertia
 from softdyn.description.rig import Actuator
 from softdyn.description.robot import (
+    Ball,
     Fluid,
     Joint,
     Robot,
@@ -60,6 +61,8 @@ def from_urdf(robot: Robot) -> Neutral:
     for link in robot.buoyant:
         shares.setdefault(carrier[link.name], {})[link.name] = link.gravcomp
     efforts = _efforts(robot)
+    balls = {ball.joints[2]: ball for ball in robot.balls}
+    before = {joint for ball in robot.balls for joint in ball.joints[:2]}
     parts: list[Part] = []
     index = {robot.root: WORLD}
     if robot.floating:
@@ -81,7 +84,13 @@ def from_urdf(robot: Robot) -> Neutral:
         if name not in above or not above[name].moves:
             continue
         joint, pose = above[name], placed[name]
-        index[name] = len(parts)
+        index[name] = len(parts)  # a link inside a ball gets the number of its body
+        if joint.name in before:
+            continue
+        if joint.name in balls:
+            parts.append(_ball(balls[joint.name], above, name, index, carrier, pieces, pose))
+            walked.append(joint.name)
+            continue
         kind = "slide" if joint.kind == "prismatic" else "hinge"
         parts.append(
             Part(
@@ -133,7 +142,10 @@ def from_urdf(robot: Robot) -> Neutral:
     )
     document = tuple(joint.name for joint in robot.moving_joints)
     by_bodies = tuple(above[link].name for link in _depth_first(robot.root, lumped))
-    orders = (document, tuple(walked), by_bodies, _by_name(robot))
+    orders = tuple(
+        tuple(balls[name].name if name in balls else name for name in order if name not in before)
+        for order in (document, tuple(walked), by_bodies, _by_name(robot))
+    )
     sensors = {}
     for sensor in robot.sensors:
         more = {name: np.atleast_1d(getattr(sensor, name)) for name in SENSED}
@@ -148,6 +160,25 @@ def from_urdf(robot: Robot) -> Neutral:
     return Neutral(
         robot.path, "urdf", tuple(parts), frames, tuple(cables), motors, couplings, orders=orders,
         sensors=sensors, gravity=np.array(robot.gravity), features=_fluid(robot.fluid),
+    )  # fmt: skip
+
+
+def _ball(
+    ball: Ball,
+    above: dict[str, Joint],
+    link: str,
+    index: dict[str, int],
+    carrier: dict[str, str],
+    pieces: dict[str, tuple[tuple[str, Inertia], ...]],
+    pose: Transform,
+) -> Part:
+    """The three hinges of a ball as one part."""
+    second = above[above[link].parent]
+    parent = above[second.parent].parent
+    return Part(
+        ball.name, link, "ball", index[carrier[parent]], np.zeros(3), pose.translation,
+        pieces.get(link, ()), pose, damping=ball.damping, stiffness=ball.stiffness,
+        stiffness_curve=ball.stiffness_poly,
     )  # fmt: skip
 
 

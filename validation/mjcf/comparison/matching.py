@@ -127,7 +127,7 @@ def with_links_of(robot: Neutral, other: Neutral) -> Neutral:
             name = held[0]
             parts[k] = replace(part, link=name, pose=frames.pop(name).pose)
             if part.link:
-                frames[part.link] = Frame(k, part.pose)
+                frames[part.link] = Frame(k, part.pose, of_joint=True)
     return replace(robot, parts=tuple(parts), frames=frames)
 
 

@@ -111,10 +111,14 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A named frame or site on a part, or on the root."""
+    """A named frame or site on a part, or on the root.
+
+    `of_joint` is whether it is the link of a joint, which the file or the comparison holds still.
+    """
 
     part: int
     pose: Transform
+    of_joint: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -392,9 +396,9 @@ class Neutral:
         )
         gone = set(range(len(self.parts))) - set(kept) - welded
         held = {n: f for n, f in self.frames.items() if f.part not in gone}
-        frames = {name: Frame(on(f.part), f.pose) for name, f in held.items()}
+        frames = {name: replace(f, part=on(f.part)) for name, f in held.items()}
         solid = [(k, self.parts[k]) for k in welded if self.parts[k].link]
-        frames |= {part.link: Frame(on(k), part.pose) for k, part in solid}
+        frames |= {part.link: Frame(on(k), part.pose, of_joint=True) for k, part in solid}
         cables = tuple(
             replace(cable, path=tuple(replace(p, part=on(p.part)) for p in cable.path))
             for cable in self.cables

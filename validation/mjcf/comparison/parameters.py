@@ -35,6 +35,7 @@ from softdyn.validation.mjcf.comparison.finding import (
 )
 from softdyn.validation.mjcf.comparison.matching import plain_name
 from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, Neutral, NeutralTendon, Part
+from softdyn.validation.mjcf.transform import Transform
 
 NOTHING = 1e-12  # m
 REST = 1e-6  # rad, m
@@ -281,8 +282,19 @@ def _sensors(a: Neutral, b: Neutral) -> Iterator[Finding]:
 
 
 def _frames(a: Neutral, b: Neutral) -> Iterator[Finding]:
-    """Findings on origins of frames in both files; also of link frames, where a tip may be."""
+    """Findings on origins and axes of frames in both files; also of link frames, as of a tip.
+
+    The axes of a moving link's frame are a matter between files of one format only, and no motion
+    depends on them: a link or body that `export` writes has those of the root.
+    """
     for k, (one, other) in enumerate(zip(a.parts, b.parts, strict=True)):
+        named = one.link and other.link and a.format == b.format
+        if named and (angle := _turned(one.pose, other.pose)):
+            yield Finding(
+                "frame", one.link, (vector(one.pose.rotation[0]), vector(other.pose.rotation[0])),
+                f"its axes turned by {math.degrees(angle):.4g}°", _set(k, pose=one.pose), angle,
+                True,
+            )  # fmt: skip
         gap = float(np.linalg.norm(one.pose.translation - other.pose.translation))
         if gap > NOTHING and one.link and other.link and one.kind != "free":
             yield Finding(
@@ -294,12 +306,24 @@ def _frames(a: Neutral, b: Neutral) -> Iterator[Finding]:
     for name, frame in a.frames.items():
         label, found = theirs.get(plain_name(name), ("", frame))
         gap = float(np.linalg.norm(frame.pose.translation - found.pose.translation))
+        fixed = found.part == frame.part and not (frame.of_joint or found.of_joint)
+        if fixed and (angle := _turned(frame.pose, found.pose)):
+            yield Finding(
+                "frame", name, (vector(frame.pose.rotation[0]), vector(found.pose.rotation[0])),
+                f"its axes turned by {math.degrees(angle):.4g}°", _replaced_frame(label, frame),
+                angle,
+            )  # fmt: skip
         if found.part == frame.part and gap > NOTHING:
             yield Finding(
                 "frame", name, (vector(frame.pose.translation), vector(found.pose.translation)),
                 f"{1e3 * gap:.4g} mm apart", _replaced_frame(label, frame), gap / a.size,
                 printed=share(gap, a.extent(frame.part)),
             )  # fmt: skip
+
+
+def _turned(one: Transform, other: Transform) -> float:
+    """The angle (rad) between the axes of two frames."""
+    return float(Transform(one.rotation.T @ other.rotation).angle)
 
 
 def _replaced_frame(label: str, frame: Any) -> Callable[[Neutral], Neutral]:
