@@ -84,6 +84,10 @@ class LogChannel:
         return replace(self, values=values)
 
 
+# The phase of a controller of the package. A fallback may lack it.
+PHASE = LogChannel("phase", text=True, gaps=True)
+
+
 def channels_of(controller: object) -> tuple[LogChannel, ...]:
     """The channels that a controller declares, each with one value in every control period.
 
@@ -123,7 +127,8 @@ def values_of(channels: Iterable[LogChannel], answer: object) -> dict[str, Any]:
     channels : iterable of LogChannel
         The channels that the controller declares.
     answer : object
-        A `Command`, or another object that may have `values`.
+        A `Command`, or another object that may have `values`. A user's controller that returns
+        the command of one of ours need not declare its `PHASE`.
 
     Returns
     -------
@@ -135,8 +140,12 @@ def values_of(channels: Iterable[LogChannel], answer: object) -> dict[str, Any]:
     InputError
         As `checked_values` does.
     """
-    given = getattr(answer, "values", None)
-    return {} if given is None else checked_values(channels, given, "the values of a command")
+    given, channels = getattr(answer, "values", None), tuple(channels)
+    if given is None:
+        return {}
+    if isinstance(given, Mapping) and PHASE.name not in [one.name for one in channels]:
+        given = {name: value for name, value in given.items() if name != PHASE.name}
+    return checked_values(channels, given, "the values of a command")
 
 
 def checked_values(channels: Iterable[LogChannel], given: Any, of: str) -> dict[str, Any]:

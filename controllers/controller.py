@@ -356,6 +356,8 @@ class InputGuard(Separate):
         Largest violation of the bounds by an accepted answer, before clipping.
     held : ndarray, (nu,)
         The last good input, read-only.
+    values : mapping of str to Any, or None
+        Values of the controller's channels in the commands that it makes.
     failed : FailedProblem or None
         What the last fallback could not solve; None since `reset` without one.
     lock : RLock
@@ -391,6 +393,7 @@ class InputGuard(Separate):
         self.fallbacks = 0
         self.max_bound_violation = 0.0
         self.failed: FailedProblem | None = None
+        self.values: Mapping[str, Any] | None = None
         self.held = np.clip(np.zeros_like(self.u_min), self.u_min, self.u_max)
         self.held.flags.writeable = False
 
@@ -408,7 +411,7 @@ class InputGuard(Separate):
             self.max_bound_violation = violation
         inside.flags.writeable = False
         self.held = inside
-        return Command(inside, V, delta, Status.OK)
+        return Command(inside, V, delta, OK, values=self.values)
 
     def admit(self, u: Any) -> np.ndarray:
         """The input (nu,) that acts if a controller, maybe a user's own, returns `u`.
@@ -443,7 +446,7 @@ class InputGuard(Separate):
         self.failed = FailedProblem.of(status.value, problem)
         self.fallbacks += 1
         self.not_solved += status is Status.NOT_SOLVED
-        return Command(self.held, V, delta, status)
+        return Command(self.held, V, delta, status, values=self.values)
 
     def complete(self, state: State, reference: Reference) -> None:
         """Add to the problem of the last fallback what it was made from."""

@@ -19,6 +19,7 @@ import numpy as np
 
 from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.checks import number, vector
+from softdyn.controllers.channels import PHASE
 from softdyn.controllers.controller import (
     SILENT,
     Command,
@@ -31,15 +32,20 @@ from softdyn.controllers.controller import (
 from softdyn.controllers.gains import check_fields, no_actuator
 from softdyn.controllers.law import NamedLaw
 from softdyn.controllers.predictive.actuation import Actuation
-from softdyn.controllers.predictive.aim import Aim, ErrorAhead, TipAim, aim_of
-from softdyn.controllers.predictive.buckling import Pull, buckling_input
+from softdyn.controllers.predictive.aim import Aim, TipAim, aim_of
+from softdyn.controllers.predictive.buckling import buckling_input
 from softdyn.controllers.predictive.objective import HorizonWeights, horizon_weights
-from softdyn.controllers.predictive.plan import ARRIVES, STUCK, PlanFollower
-from softdyn.controllers.predictive.prediction import RIDGE, ahead, condensed_qp
+from softdyn.controllers.predictive.prediction import RIDGE, Present, ahead, condensed_qp
 from softdyn.controllers.predictive.pulls import FrictionPulls
-from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget, RestTargets
+from softdyn.controllers.predictive.rest_target import RestTargets
 from softdyn.controllers.predictive.state_filter import StateFilter
 from softdyn.controllers.predictive.stops import held_joints, stop_stiffness
+from softdyn.controllers.predictive.supervisor import (
+    Followed,
+    Supervisor,
+    moves,
+    numbers,
+)
 from softdyn.controllers.qps.qp import DenseQp, QpProblem
 from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.model import check_model
@@ -54,11 +60,6 @@ LAGS = 4.0  # of the actuators' lag more
 NO_DISTURBANCE = np.zeros(0)
 LINK = ("lag", "delay", "friction")  # of the actuators (s), and of the cables
 SHORTER = 5  # halvings of the horizon where the arm is unstable
-
-# M, K_t, D_t, B; the force, and p and q̇ at the point of linearisation
-Linearisation = tuple[
-    tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray, tuple[np.ndarray, np.ndarray]
-]
 
 
 @dataclass(frozen=True)
@@ -138,17 +139,19 @@ class Mpc(NamedLaw):
     targets : RestTargets, optional
         Finds an equilibrium (q*, u*) for a set point at which the tip does not arrive: after 1 s
         farther than 5 mm away it is searched for, and 0.5 s later, or any second after, it acts if
-        its tip is nearer by that. A plan leads to its shape, see
-        `softdyn.controllers.predictive.plan`. A process of its own searches, for up to a minute,
+        its tip is nearer by that. A plan leads to its shape. `softdyn.controllers.predictive` has
+        the rules in its `supervisor`. A process of its own searches, for up to a minute,
         and the target acts later if that takes longer; see `waits` and `prepare`.
         The objective then has κ ‖u - u*‖²_diag(R), and σ ‖q - q*‖²_S if it is unstable. The
         `distance` of a command is that of its tip.
-        With targets, a robot that its cables can buckle is pulled on paths (`predictive.buckling`).
+        With targets, a robot that its cables can buckle is pulled on paths.
     tasks : sequence of softdyn.tasks.Task, optional
         Tasks of one level; by default the position of the tip. An own K_p has no effect.
 
     Attributes
     ----------
+    supervisor : Supervisor
+        It decides what is followed; its phase is in each command's `values`.
     waits : bool
         Whether a call may wait for a search, so that equal runs have equal commands; False by
         default. `softdyn.validation.simulate` sets it for its calls.
@@ -164,6 +167,7 @@ class Mpc(NamedLaw):
     options = LINK
     parameter_class = MpcParameters
     waits = False
+    channels = (PHASE,)
 
     def __init__(
         self,
@@ -186,20 +190,16 @@ class Mpc(NamedLaw):
         self._pulls = FrictionPulls(model, friction)
         self._given = delay, lag, friction
         self._filter = StateFilter(model, self.parameters.memory)
-        self.targets = targets
-        self._follow = PlanFollower(model, self.actuation.lag)
         self._model, self._balance = model, ForceBalance(model, motors=())
         self._still = np.zeros((KNOTS[-1], model.nv))
         size = len(KNOTS) * model.nu
         self._qp = DenseQp(size, size, guess=True)
         self.solvers = (self._qp,)
-        self._pull: Pull | None = None
         given = self.parameters
         self._weigh = partial(horizon_weights, model, KNOTS, speed=given.speed, rate=given.rate)
         with np.errstate(all="ignore"):
             least = None if targets is None else buckling_input(model)
-            if least is not None:
-                self._pull = Pull(model, least)
+            self.targets, self.supervisor = targets, Supervisor(model, targets, least)
             self._weigh_rows(None)
         self._aim: Aim = TipAim()
         self.reset(period)
@@ -211,7 +211,7 @@ class Mpc(NamedLaw):
         """The weights at set points and on paths, for the errors' rows (r, n) at rest."""
         given, lag = self.parameters, self.actuation.lag
         self._usual = self._on_path = self._weigh(given.horizon, lag=lag, rows=rows)
-        if self._pull is not None:
+        if self.supervisor.pulls:
             horizon = min(given.horizon, PATH + LAGS * lag)
             self._on_path = self._weigh(horizon, lag=lag, blind=True, rows=rows)
         self._shorter = [
@@ -233,14 +233,9 @@ class Mpc(NamedLaw):
         self._drive(rig)
         self.actuation.reset(self.period, self.guard.held)
         self._filter.reset(self.period)
-        if self._pull is not None:
-            self._pull.reset(self.period)
-        self._present: tuple[State, Linearisation, np.ndarray] | None = None
-        self._goal = np.full(3, np.nan)
+        self.supervisor.reset(self.period, self.actuation.lag)
+        self._present: Present | None = None
         self._weighed = not self._aim.tasks
-        self._away = 0.0  # s
-        self._asked = self._found = False
-        self._follow.reset(self.period, self.actuation.lag)
 
     def _drive(self, rig: KnownRig | None) -> None:
         """Take lag, delay and friction of a rig where they are not given."""
@@ -254,14 +249,12 @@ class Mpc(NamedLaw):
     @property
     def buckles(self) -> bool:
         """Whether it pulls the robot into buckled shapes on paths: with targets alone."""
-        return self._pull is not None
+        return self.supervisor.pulls
 
     @property
     def planning(self) -> bool:
         """Whether targets or a plan are searched in the background."""
-        return self._follow.planning or (
-            self.targets is not None and self._asked and self.targets.searching
-        )
+        return self.supervisor.planning
 
     def prepare(self, reference: Reference | Callable[[float], Reference]) -> None:
         """Search for the targets of a set point now, for all runs of the robot's controllers.
@@ -273,55 +266,69 @@ class Mpc(NamedLaw):
         """
         now = first_of(reference)
         goals = self._aim.targets(now)
-        if self.targets is not None and not any(map(_moves, goals)):
-            self.targets.find(_numbers(goals), self._aim.tasks, now, waits=True)
+        if self.targets is not None and not any(map(moves, goals)):
+            self.targets.find(numbers(goals), self._aim.tasks, now, waits=True)
 
     @SILENT
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:
-        """V of the command is the cost that the horizon predicts."""
-        model, link, v = self._model, self.actuation, state.v
-        goals = self._aim.targets(reference)
-        moving = any(map(_moves, goals))
+        """What the supervisor follows decides the target of a step."""
+        moving = any(map(moves, self._aim.targets(reference)))
+        small = math.isfinite(
+            state.q @ state.q + state.v @ state.v
+        )  # as all but hostile numbers are
+        if not (small or (np.isfinite(state.q).all() and np.isfinite(state.v).all())):
+            return self._fall_back(Status.NON_FINITE)
         if not self._weighed:
-            rest = model.state(model.q0, np.zeros(model.nv))
+            rest = self._model.state(self._model.q0, np.zeros(self._model.nv))
             self._weigh_rows(self._aim(rest, reference, moving).rows)
             self._weighed = True
-        by = self._on_path if moving else self._usual
-        small = math.isfinite(state.q @ state.q + v @ v)  # as all but hostile numbers are
-        if not (small or (np.isfinite(state.q).all() and np.isfinite(v).all())):
-            return self._fall_back(Status.NON_FINITE)
-        acting = link.acting
-        held = held_joints(state)
+        now = self._observe(state, (self._on_path if moving else self._usual).step)
+        error = self._aim(now.state, reference, moving)
+        aim = self._aim
+        target = self.supervisor(reference, aim, moving, error, now, waits=self.waits)
+        self.guard.values = target.phase.channel
+        return self.step(now, target)
+
+    def _observe(self, state: State, step: float) -> Present:
+        """The filtered state, its linear model, and what the actuation makes of it over the delay.
+
+        `step` (s) is that of the prediction.
+        """
+        model, link = self._model, self.actuation
+        acting, held = link.acting, held_joints(state)
         p, speed, unmodelled = self._filter(state, held)
         if self._filter.noisy:  # noise would enter the matrices, too
             state = model.state(model.integrate(state.q, p), speed)
-            p, v = np.zeros(model.nv), state.v
+            p = np.zeros(model.nv)
+        v = state.v
         # the terms of `tangent_dynamics`
         terms = self._balance.trusted(state.q, v, np.zeros(model.nv), acting, NO_DISTURBANCE)
         K, D = terms.by_q, terms.by_v
-        stops = stop_stiffness(state, held, by.step)
-        linear = state.M, K + np.diag(stops), D, state.B
+        linear = state.M, K + np.diag(stop_stiffness(state, held, step)), D, state.B
         force = state.B @ acting - state.h + unmodelled + D @ v
-        first = p, speed
-        u, start = acting, force
+        first, u = (p, speed), acting
         if link.delay > 0:
-            means, u = link.over_delay(by.step)
+            means, u = link.over_delay(step)
             p, speed, _ = ahead(linear, force, first, means - acting, link.delay / len(means))
-            start = force + state.B @ (u - acting)
-        aim = self._aim(state, reference, moving)
-        target = self._target_of(state, reference, aim, moving)
-        if not moving and self._found:
-            asked = self._follow(
-                None if self._aim.tasks else goals[0].y, aim.far, state, p, speed, u,
-                waits=self.waits,
-            )  # fmt: skip
-            target = self._follow.target
-            if asked is not None:
-                present = linear, force, first
-                return self._send(asked, np.nan, target, state, present, clamped=True)
-        data = linear, start, (p, speed)
-        for weights in (by, *self._shorter):
-            H, g, c = self._condensed(weights, data, aim, u, target, state)
+        return Present(state, linear, force, first, acting, p, speed, u)
+
+    def step(self, now: Present, target: Followed) -> Command:
+        """The input for a target; V of the command is the cost that the horizon predicts.
+
+        It has no memory but the filter's and the actuation's, which learn what is sent.
+
+        Parameters
+        ----------
+        now : Present
+            The present state.
+        target : Followed
+            What to follow, see `softdyn.controllers.predictive.supervisor`.
+        """
+        if target.command is not None:
+            return self._send(target.command, np.nan, now, target)
+        model, u = self._model, now.acting
+        for weights in (self._on_path if target.moving else self._usual, *self._shorter):
+            H, g, c = self._condensed(weights, now, target)
             if RIDGE * np.trace(H) <= np.trace(weights.inputs):
                 break
         knots = len(KNOTS)
@@ -334,43 +341,45 @@ class Mpc(NamedLaw):
         x = solution.x
         V = max(0.0, float(x @ (0.5 * (H @ x) + g)) + c)
         share = min(1.0, self.period / (KNOTS[0] * weights.step))
-        asked = link.command_for(u + share * x[: model.nu], u)
-        return self._send(asked, V, target, state, (linear, force, first))
+        asked = self.actuation.command_for(u + share * x[: model.nu], u)
+        return self._send(asked, V, now, target)
 
     def _condensed(
-        self, by: HorizonWeights,
-        data: tuple[tuple[np.ndarray, ...], np.ndarray, tuple[np.ndarray, np.ndarray]],
-        aim: ErrorAhead, u: np.ndarray, target: RestTarget | None, state: State,
-    ) -> tuple[np.ndarray, np.ndarray, float]:  # fmt: skip
-        """The objective over one horizon, from the linear model, its force and the first state."""
+        self, by: HorizonWeights, now: Present, target: Followed
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """The objective over one horizon."""
+        u, aim, rest = now.acting, target.aim, target.rest
         t = by.ahead + self.actuation.delay
         error = aim.now - (aim.y + t * aim.ydot + 0.5 * t * t * aim.yddot)
         rows, inputs, offset = aim.rows, by.inputs, by.offset @ u
-        if target is not None:
-            inputs, offset = inputs + by.hold, offset + by.hold_offset @ (u - target.u)
-            if not target.stable:
+        if rest is not None:
+            inputs, offset = inputs + by.hold, offset + by.hold_offset @ (u - rest.u)
+            if not rest.stable:
                 rows, model = np.vstack((rows, by.form)), self._model
-                bent = by.form @ (model.coordinates(state.q) - model.coordinates(target.q))
+                bent = by.form @ (model.coordinates(now.state.q) - model.coordinates(rest.q))
                 error = np.hstack((error, np.tile(bent, (len(error), 1))))
         pace = self._pace(by.lookahead.metric, aim.rows, aim.ydot + t * aim.yddot)
-        return condensed_qp(*data, rows, error, pace, by.lookahead, inputs, offset)
+        force = now.force
+        if self.actuation.delay > 0:
+            force = force + now.state.B @ (u - now.input)
+        return condensed_qp(
+            now.linear, force, (now.p, now.v), rows, error, pace, by.lookahead, inputs, offset
+        )
 
-    def _send(
-        self, asked: np.ndarray, V: float, target: RestTarget | None, state: State,
-        present: Linearisation, clamped: bool = False,
-    ) -> Command:  # fmt: skip
+    def _send(self, asked: np.ndarray, V: float, now: Present, target: Followed) -> Command:
         """The command that is sent, within its bounds; it also predicts the next state.
 
-        The feedback of a plan is `clamped`: it has no bounds of its own, as a QP's answer has.
+        A command of a plan has no bounds of its own, as a QP's answer has.
         """
+        clamped = target.command is not None
         command, self._present = self.guard.accept(asked, V, np.nan, clamped), None
         if command.status is Status.OK:
-            self._present = state, present, self.actuation.acting
+            self._present = now
         self._expect(self.actuation.send(command.u))
         if self._pulls.rubs and command.status is Status.OK:
-            command = replace(command, u=self._pulls(command.u, state, self._filter.force))
-        if target is not None:
-            command = replace(command, distance=target.distance)
+            command = replace(command, u=self._pulls(command.u, now.state, self._filter.force))
+        if target.rest is not None:
+            command = replace(command, distance=target.rest.distance)
         return command
 
     @SILENT
@@ -387,42 +396,11 @@ class Mpc(NamedLaw):
 
     def _expect(self, mean: np.ndarray) -> None:
         """Predict the next state from the mean input (nu,) of this period."""
-        if self._present is not None:
-            state, present, acting = self._present
-            p, speed, matrix = ahead(*present, (mean - acting)[None], self.period)
-            self._filter.expect(self._model.integrate(state.q, p), speed, matrix)
-
-    def _target_of(
-        self,
-        state: State,
-        reference: Reference | SetPoint,
-        aim: ErrorAhead,
-        moving: bool,
-    ) -> RestTarget | None:
-        """The target on a path: an input that buckles the arm, and no shape.
-
-        At a set point it looks for targets: `Mpc` alone did not arrive, and the target is nearer.
-        """
-        if moving and self._pull is not None:
-            return RestTarget(state.q, self._pull(aim.far), True, np.nan)
-        if self.targets is None or moving:
-            return None
-        far, y = aim.far, _numbers(self._aim.targets(reference))
-        if not np.array_equal(self._goal, y):
-            self._goal, self._away, self._asked, self._found = y.copy(), 0.0, False, False
-            self._follow.begin(())
-        if self._found:
-            return None
-        self._away = self._away + self.period if far > WITHIN or self._asked else 0.0
-        if self._away > STUCK and np.isfinite(far):
-            self._asked = True
-            found = self.targets.find(y, self._aim.tasks, reference, waits=self.waits)
-            if found is not None and self._away > STUCK + ARRIVES:
-                self._away = ARRIVES  # and again where it is no nearer
-                if found and found[0].distance < far - WITHIN:
-                    self._found = True
-                    self._follow.begin(found)
-        return None
+        now = self._present
+        if now is not None:
+            change = (mean - now.input)[None]
+            p, speed, matrix = ahead(now.linear, now.force, now.first, change, self.period)
+            self._filter.expect(self._model.integrate(now.state.q, p), speed, matrix)
 
     def _pace(self, metric: np.ndarray, J: np.ndarray, ydot: np.ndarray) -> np.ndarray:
         """Metric times the joint speeds (N, nv) of least metric that move the tip at ẏ (N, r).
@@ -446,13 +424,3 @@ class Mpc(NamedLaw):
         command = self.guard.fall_back(status, np.nan, np.nan, problem)
         self.actuation.send(command.u)
         return command
-
-
-def _moves(goal: Any) -> bool:
-    """Whether a target moves."""
-    return bool(goal.ydot.any() or goal.yddot.any())
-
-
-def _numbers(goals: Sequence[Any]) -> np.ndarray:
-    """The numbers of all targets in one array."""
-    return np.concatenate([goal.y.ravel() for goal in goals])

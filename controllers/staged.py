@@ -11,6 +11,7 @@ import numpy as np
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.actuation import Capstan
 from softdyn.checks import number
+from softdyn.controllers.channels import PHASE
 from softdyn.controllers.controller import Command, GuardedController, KnownRig, WrappingController
 from softdyn.controllers.law import NamedLaw
 from softdyn.controllers.mpc import DEFAULT_PERIOD, LINK, Mpc
@@ -18,6 +19,7 @@ from softdyn.controllers.predictive.actuation import Actuation
 from softdyn.controllers.predictive.compensated import Compensated
 from softdyn.controllers.predictive.pulls import FrictionPulls
 from softdyn.controllers.predictive.rest_target import RestTargets
+from softdyn.controllers.predictive.supervisor import Phase, StageSupervisor
 from softdyn.controllers.qps.stacked_error import checked_tasks
 from softdyn.controllers.schedule import Schedule, make_schedule, tuned
 from softdyn.controllers.soft_id_clf_qp import SoftIdClfQp
@@ -50,6 +52,7 @@ class Staged(GuardedController):
     """
 
     name = "best"
+    channels = (PHASE,)
 
     def __init__(
         self,
@@ -70,6 +73,7 @@ class Staged(GuardedController):
             SoftIdClfQp(model, stage.gains, horizon=stage.horizon, u_ref=stage.u_ref)
             for stage in (schedule.approach, schedule.stay)
         )
+        self.supervisor = StageSupervisor(schedule.arrive, schedule.leave, schedule.dwell)
         self.guard = stay.guard = approach.guard
         self.solvers = approach.solvers + stay.solvers
         self.reset(period)
@@ -78,23 +82,18 @@ class Staged(GuardedController):
         """Begin a run with a control period (s), in the first stage."""
         self.period = number("period", period, above=0.0)
         self.guard.reset()
-        self._near = 0.0  # s
-        self._staying = False
+        self.supervisor.reset(self.period)
 
     @property
     def stage(self) -> SoftIdClfQp:
         """The controller that gave the last command."""
-        return self.stages[self._staying]
+        return self.stages[self.supervisor.phase is Phase.STAY]
 
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:
-        schedule = self.gains
         distance = math.dist(state.y.tolist(), reference.y.tolist())  # lists save 1 µs
-        self._near = self._near + self.period if distance < schedule.arrive else 0.0
-        if self._staying:
-            self._staying = not distance > schedule.leave
-        else:
-            self._staying = self._near > schedule.dwell
-        return self.stages[self._staying]._command(state, reference)
+        phase = self.supervisor(distance)
+        self.guard.values = phase.channel
+        return self.stages[phase is Phase.STAY]._command(state, reference)
 
 
 class Best(WrappingController, NamedLaw):

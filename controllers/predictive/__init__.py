@@ -10,6 +10,7 @@
 - `compensated`: any controller behind delay, lag and friction
 - `background`: long work in a process of its own
 - `rest_target`: equilibria as targets of shape and input
-- `buckling`: the pull that buckles an arm, so that its tip can follow a path
-- `plan`: bounded commands through a fold, by iLQR, and who follows them
+- `buckling`: the input that buckles an arm, so that its tip can follow a path
+- `plan`: bounded commands through a fold, by iLQR
+- `supervisor`: what is followed, the reference, a rest or a plan, and why
 """

@@ -14,13 +14,6 @@ from softdyn import SoftModel
 from softdyn.controllers.predictive.objective import unseen
 from softdyn.dynamics.derivatives import stiffness
 
-TIMES = 20.0  # the pull beside the least tension that buckles
-KEEPS = 5.0  # beside it, the tension that keeps the arm buckled
-LASTS = 0.6  # s
-AGAIN = 1.0  # s from the end of a pull to the next
-FAR = 0.03  # m from the path
-LATE = 0.05  # s so far from it
-
 
 def buckling_input(model: SoftModel) -> np.ndarray | None:
     """The least input (nu,) that bends nothing at rest and makes the tangent stiffness indefinite.
@@ -50,36 +43,3 @@ def buckling_input(model: SoftModel) -> np.ndarray | None:
         stable, buckled = (stable, middle) if indefinite(middle) else (middle, buckled)
     least: np.ndarray = low + buckled * way
     return least
-
-
-class Pull:
-    """Inputs that buckle the arm at the begin of a path and keep it so.
-
-    The first is also for whenever the tip has left the path. If nothing pulled in between, the
-    buckled shape would relax, because the tip alone determines the inputs.
-
-    Parameters
-    ----------
-    model : SoftModel
-        A robot.
-    least : ndarray, (nu,)
-        Its `buckling_input`.
-    """
-
-    def __init__(self, model: SoftModel, least: np.ndarray) -> None:
-        self.u = np.clip(TIMES * least, model.u_min, model.u_max)
-        self.after = np.clip(KEEPS * least, model.u_min, model.u_max)
-
-    def reset(self, period: float) -> None:
-        """Begin a path with a control period (s): the first state far from it starts a pull."""
-        self._period = period
-        self._since, self._late = LASTS + AGAIN, LATE
-
-    def __call__(self, distance: float) -> np.ndarray:
-        """The input (nu,) to prefer while the tip is that far (m) from the path."""
-        self._late = self._late + self._period if distance > FAR else 0.0
-        if self._late > LATE and self._since >= LASTS + AGAIN:
-            self._since = 0.0
-        pulls = self._since < LASTS
-        self._since += self._period
-        return self.u if pulls else self.after

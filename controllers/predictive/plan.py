@@ -1,7 +1,5 @@
 """Plans through a fold: bounded commands that move a robot from a state to an equilibrium (q*, u*).
 
-`PlanFollower` is the way in: it has a plan made where a shape stays away, and follows it.
-
 A path obeys the analytic model in steps T of backward Euler,
 
     M (q̇⁺ - q̇) / T + h - B ā + stops = 0 at (q⁺, q̇⁺),   q⁺ = q ⊕ T q̇⁺,   a⁺ = E a + (1 - E) c,
@@ -32,15 +30,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import product
 
 import numpy as np
 
 from softdyn import SoftModel, State
-from softdyn.controllers.predictive.background import Job
 from softdyn.controllers.predictive.objective import stiffness_at_rest
-from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget
+from softdyn.controllers.predictive.rest_target import RestTarget
 from softdyn.controllers.predictive.stops import SpringStops
 from softdyn.controllers.qps.qp import DenseQp, QpProblem
 from softdyn.dynamics.balance import ForceBalance
@@ -48,11 +45,6 @@ from softdyn.dynamics.implicit_step import ImplicitStep
 from softdyn.dynamics.motors import lag_shares
 from softdyn.dynamics.stops import Stops
 
-STUCK = 1.0  # s without arriving after which targets are searched for, or another plan is made
-ARRIVES = 0.5  # s later they act, however long the search took
-RESTS = 5.0  # s later a plan begins in a loop that does not wait
-BENT = 0.3  # rad, m: a joint this far from the target's shape
-PLANS = 3  # for one set point
 TRAVELS = (1.0, 0.6)  # s, durations of the first guess, tried one after the other
 NEAR = 0.05  # of the first ‖q - q*‖²_S: a path that ends nearer is taken
 USEFUL = 0.25  # one that ends farther is no plan
@@ -69,129 +61,6 @@ CLOSING = (0.15, 0.07)  # the same while there are gaps
 CLOSED = 1.0  # sum of the gaps below which a whole step closes them
 GAPS = 1e3  # cost of the sum of the gaps
 CLOSE = 1e-4  # rad, m: a step's error before Newton's last iteration, which leaves its square
-
-
-class PlanFollower:
-    """The target that acts, and the command while a plan leads to it.
-
-    Where the shape differs from the best target's by more than 0.3 rad or m in some joint, the
-    acting input stays for 0.5 s, and a plan to one of the targets is made from the state to which
-    this leads. It is followed with its gains to its end, and then its target acts. Without such a
-    plan the best target acts at once. If tip and shape stay away for 1 s, another plan is made.
-    In a loop that does not wait the acting input stays for 5 s at least, until a process of its own
-    has made the plan. The robot then comes to rest, so that the plan's begin fits at any time.
-
-    Parameters
-    ----------
-    model : SoftModel
-        The robot.
-    lag : float
-        Time constant (s) of the actuators.
-
-    Attributes
-    ----------
-    target : RestTarget or None
-        The one that acts.
-    """
-
-    def __init__(self, model: SoftModel, lag: float) -> None:
-        self._model, self._lag = model, lag
-        self._asked: Job[Plan | None] | None = None
-        self.reset(0.0)
-
-    def reset(self, period: float, lag: float | None = None) -> None:
-        """Begin a run with a control period and another lag (s); by default the lag stays."""
-        self._period = period
-        self._lag = self._lag if lag is None else lag
-        self.begin(())
-
-    def begin(self, targets: Sequence[RestTarget]) -> None:
-        """Lead to one of some targets, the best first."""
-        if self._asked is not None:
-            self._asked.cancel()
-        self._asked, self._targets = None, targets
-        self._plan: Plan | None = None
-        self.target: RestTarget | None = None
-        self._away, self._time = STUCK, 0.0  # s, without arriving and since the plan's begin
-        self._left = PLANS
-
-    @property
-    def planning(self) -> bool:
-        """Whether a plan is being made in the background."""
-        return self._asked is not None and not self._asked.done()
-
-    def __call__(
-        self,
-        goal: np.ndarray | None,
-        far: float,
-        state: State,
-        p: np.ndarray,
-        v: np.ndarray,
-        acting: np.ndarray,
-        *,
-        waits: bool,
-    ) -> np.ndarray | None:
-        """The command (nu,) of the plan or before it, not yet bounded; None without a plan.
-
-        Parameters
-        ----------
-        goal : ndarray, (3,), optional
-            The reference for the tip (m), by default the tip of the target.
-        far : float
-            Distance from the reference (m, rad).
-        state : State
-            The present state.
-        p, v, acting : ndarray, (nv,), (nv,), (nu,)
-            Displacement from the present configuration, velocity and acting input at the instant
-            when the command begins to act.
-        waits : bool
-            Whether to make a plan in this call, and not in a process of its own.
-        """
-        if not self._targets:
-            return None
-        q = self._model.integrate(state.q, p)
-        if self._plan is None:
-            self._wait(goal, far, (q, v, acting), waits)
-        if self._asked is not None:
-            return self._kept
-        if self._plan is None:
-            return None
-        if self._time >= STEP * len(self._plan.commands):
-            self._plan, self._away = None, 0.0
-            return None
-        command = self._plan.command(self._time, self._model.coordinates(q), v, acting)
-        self._time += self._period
-        return command
-
-    def _wait(
-        self, goal: np.ndarray | None, far: float, start: tuple[np.ndarray, ...], waits: bool
-    ) -> None:
-        """A period goes by without a plan."""
-        target, coordinates = self.target or self._targets[0], self._model.coordinates
-        bent = np.abs(coordinates(start[0]) - coordinates(target.q)).max(initial=0.0) > BENT
-        if self._asked is None:
-            away = bent and far > target.distance + WITHIN
-            self._away = self._away + self._period if away else 0.0
-            if self._left > 0 and self._away >= STUCK:
-                q, v, self._kept = (x.copy() for x in start)
-                work = partial(
-                    make_plan, self._model, q, v, self._kept, self._targets,
-                    None if goal is None else goal.copy(), self._lag,
-                    ARRIVES if waits else RESTS,
-                )  # fmt: skip
-                self._begins = ARRIVES if waits else RESTS
-                self._asked, self._away = Job(work, waits), 0.0
-                self._left -= 1
-            elif self.target is None:
-                self.target = target
-            return
-        self._away += self._period
-        if self._away >= self._begins and self._asked.done():
-            found, self._asked, self._away = self._asked.result_or(None), None, 0.0
-            if found is None:
-                self.target, self._left = self.target or target, 0
-            else:
-                self._plan, self._time, self.target = found, 0.0, found.target
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,6 +88,11 @@ class Plan:
     acting: np.ndarray
     commands: np.ndarray
     gains: np.ndarray
+
+    @property
+    def duration(self) -> float:
+        """The time to its end (s)."""
+        return STEP * len(self.commands)
 
     def command(self, t: float, q: np.ndarray, v: np.ndarray, acting: np.ndarray) -> np.ndarray:
         """The command (nu,), not yet bounded, at the time t in a state of the robot.

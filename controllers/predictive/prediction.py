@@ -24,9 +24,11 @@ It all happens in the coordinates z = metric · p, in which the weighted speeds 
 from __future__ import annotations
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
+from softdyn import State
 from softdyn.compiled import compiled, compiled_or
 from softdyn.controllers.qps.linear_algebra import dot, multiply, solve_rows
 
@@ -276,6 +278,41 @@ def _add_inner(rows, begin, shift, count, products, i, j):
             products[i + a, j + m - 1] += dot(rows[1 + a, begin:end], rows[m, last:])
         for b in range(m - 1):
             products[i + m - 1, j + b] += dot(rows[m, begin:end], rows[1 + b, last:])
+
+
+class Present(NamedTuple):
+    """The state of a step, its linear model, and the state at which the command begins to act.
+
+    Attributes
+    ----------
+    state : State
+        The state at which the model is linearised.
+    linear : tuple of ndarray
+        M, K_t, D_t, B there.
+    force : ndarray, (n,)
+        The force that `ahead` takes, under the input that acts at present.
+    first : tuple of ndarray, (n,), (n,)
+        p = q ⊖ q₀ and q̇ at present.
+    input : ndarray, (m,)
+        The input that acts at present.
+    p, v, acting : ndarray, (n,), (n,), (m,)
+        p, q̇, and the input that acts, when the command begins to act.
+    """
+
+    state: State
+    linear: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    force: np.ndarray
+    first: tuple[np.ndarray, np.ndarray]
+    input: np.ndarray
+    p: np.ndarray
+    v: np.ndarray
+    acting: np.ndarray
+
+    @property
+    def q(self) -> np.ndarray:
+        """The configuration (nq,) at which the command begins to act."""
+        q: np.ndarray = self.state.model.integrate(self.state.q, self.p)
+        return q
 
 
 def ahead(

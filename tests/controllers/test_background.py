@@ -22,8 +22,8 @@ from softdyn.controllers.barriers import JointLimits
 from softdyn.controllers.controller import waiting
 from softdyn.controllers.predictive import rest_target
 from softdyn.controllers.predictive.background import Job
-from softdyn.controllers.predictive.plan import ARRIVES, STUCK
 from softdyn.controllers.predictive.rest_target import RestTargets
+from softdyn.controllers.predictive.supervisor import ARRIVES, STUCK
 from softdyn.validation import Rig, paper, simulate
 from softdyn.validation.twin.plant_errors import PlantErrors
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import tomllib
 from dataclasses import replace
 from pathlib import Path
-from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from softdyn import InputError, Reference, SetPoint, SoftdynError, statics
 from softdyn.controllers import Mpc, MpcParameters, Status, find_controller
 from softdyn.controllers.predictive import prediction
 from softdyn.controllers.predictive.prediction import Lookahead, ahead, condensed_qp
+from softdyn.controllers.predictive.supervisor import Followed, Phase
 from softdyn.description import library as catalogue
 from softdyn.design.source import read
 from softdyn.dynamics.derivatives import tangent_dynamics
@@ -233,14 +233,14 @@ def test_a_plan_s_feedback_saturates_by_design(monkeypatch) -> None:
     law, goal = Mpc(model), paper.set_point("finger", 0.5).reference(0.0)
     state = model.state(model.q0, np.zeros(model.nv))
     law(state, goal)
-    follow = MagicMock(return_value=1e3 + model.u_max, target=None)
-    monkeypatch.setattr(law, "_found", True)
-    monkeypatch.setattr(law, "_follow", follow)
+    error = law._aim(state, goal, False)
+    planned = Followed(Phase.PLAN, error, False, command=1e3 + model.u_max)
+    monkeypatch.setattr(law, "supervisor", lambda *_, **__: planned)
     command = law(state, goal)
-    assert follow.called
     assert command.status is Status.OK
     assert command.u.tolist() == model.u_max.tolist()
     assert law.guard.max_bound_violation == 0
+    assert command.values == {"phase": "plan"}
 
 
 def test_a_robot_of_ones_own_needs_no_gains(tmp_path: Path) -> None:

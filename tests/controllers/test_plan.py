@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
@@ -11,7 +9,6 @@ from scipy.optimize import lsq_linear
 from softdyn import SoftModel
 from softdyn.controllers.predictive import plan as planning
 from softdyn.controllers.predictive.plan import (
-    PlanFollower,
     _pose,
     backward,
     make_plan,
@@ -124,56 +121,6 @@ def test_the_gains_are_those_of_the_dense_solution() -> None:
         commands.append(steps[k] + gains[k] @ x)
         x = A[k] @ x + B[k] @ commands[k] + drift[k]
     np.testing.assert_allclose(commands, expected, atol=1e-9)
-
-
-def test_a_plan_leads_to_the_shape_of_a_target_that_then_acts(slide) -> None:
-    follow = PlanFollower(slide, 0.0)
-    follow.reset(0.1)
-    far, near = slide.state([-0.4], [0.0]), slide.state([0.05], [0.0])
-    still = np.zeros(1), np.zeros(1), np.array([0.2])
-    assert follow(GOAL, 0.5, far, *still, waits=True) is None
-    follow.begin([TARGET])
-    assert follow(GOAL, 0.05, near, *still, waits=True) is None  # its shape is near enough: no plan
-    assert follow.target is TARGET
-    follow.begin([TARGET])
-    answers = [follow(GOAL, 0.5, far, *still, waits=True) for _ in range(8)]
-    assert [one is not None for one in answers] == [True] * 8
-    np.testing.assert_array_equal(answers[:5], [[0.2]] * 5)  # while the plan is made
-    plan = make_plan(slide, np.array([-0.4]), ZERO, np.array([0.2]), [TARGET], GOAL, wait=0.5)
-    assert plan is not None
-    np.testing.assert_allclose(plan.command(0.0, far.q, far.v, far.v), answers[5], rtol=1e-12)
-    assert follow.target is TARGET
-    # its end, and 1 s far from the target until the next: three in all
-    more = [follow(GOAL, 0.5, far, *still, waits=True) is not None for _ in range(60)]
-    starts = [k for k in range(1, 60) if more[k] and not more[k - 1]]
-    assert len(starts) == 2
-    assert not any(more[-20:])
-
-
-def test_a_loop_that_does_not_wait_keeps_its_input_until_the_plan_is_there(slide) -> None:
-    follow = PlanFollower(slide, 0.0)
-    follow.reset(0.1)
-    far, still = slide.state([-0.4], [0.0]), (ZERO, ZERO, np.array([0.2]))
-    ask = partial(follow, GOAL, 0.5, far, *still, waits=False)
-    follow.begin([TARGET])
-    assert ask() == 0.2
-    assert follow.planning
-    job = follow._asked
-    assert job is not None
-    assert job.result(300.0) is not None
-    rests = round(planning.RESTS / 0.1)
-    answers = np.array([ask() for _ in range(rests + 2)])
-    assert (answers[: rests - 2] == 0.2).all()
-    assert answers[-1] != 0.2
-    assert follow.target is not None
-    np.testing.assert_array_equal(follow.target.u, TARGET.u)
-    follow.begin([TARGET])
-    ask()
-    job = follow._asked
-    follow.begin(())  # another set point
-    assert job is not None
-    with pytest.raises(RuntimeError):
-        job.result(300.0)
 
 
 def test_the_first_guess_leads_past_a_shape_that_the_simulation_would_not_reach(slide) -> None:

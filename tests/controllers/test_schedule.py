@@ -23,6 +23,7 @@ from softdyn.controllers import (
     Status,
     find_controller,
 )
+from softdyn.controllers.predictive.supervisor import Phase
 from softdyn.controllers.schedule import make_schedule, tuned
 from softdyn.controllers.staged import best
 from softdyn.description import library as catalogue
@@ -47,7 +48,8 @@ def test_stages_follow_the_distance() -> None:
         expected = (stay if stays else approach)(state, goal)
         np.testing.assert_allclose(law(state, goal).u, expected.u, rtol=0, atol=1e-8)
         assert law(state, goal).V == expected.V or distance < 0.05
-        law._near -= 0.03 * (law._near > 0)  # the second call was within the same period
+        # the second call was within the same period
+        law.supervisor._near -= 0.03 * (law.supervisor._near > 0)
     assert not np.allclose(
         approach(state, SetPoint(state.y + 0.05)).u, stay(state, SetPoint(state.y + 0.05)).u
     )
@@ -76,18 +78,18 @@ def test_a_tip_that_is_nowhere_changes_no_stage() -> None:
     model = robot("finger")
     law = Staged(model, SCHEDULE)
     state = recorded("finger")[2][0]
-    law._staying = True
+    law.supervisor.phase = Phase.STAY
     law(replace(state, y=np.full(3, np.nan)), SetPoint(state.y))
-    assert law._staying
+    assert law.supervisor.phase is Phase.STAY
 
 
 def test_the_tip_leaves_beyond_the_distance_not_at_it() -> None:
     law = Staged(robot("finger"), replace(SCHEDULE, leave=0.5))
     here = replace(recorded("finger")[2][0], y=np.zeros(3))
-    law._staying = True
+    law.supervisor.phase = Phase.STAY
     for distance, stays in ((0.5, True), (np.nextafter(0.5, 1.0), False)):
-        law(here, SetPoint([0.0, 0.0, distance]))
-        assert law._staying == stays
+        command = law(here, SetPoint([0.0, 0.0, distance]))
+        assert command.values == {"phase": "stay" if stays else "approach"}
 
 
 def test_the_tuned_schedule() -> None:
