@@ -99,7 +99,7 @@ def from_urdf(robot: Robot) -> Neutral:
                 joint.lower, joint.upper, efforts.get(joint.name, math.inf),
                 joint.armature, joint.damping, joint.friction, joint.stiffness, joint.rest,
                 joint.stiffness_poly, joint.damping_poly,
-                shares.get(name, {}) | _branches(joint),
+                shares.get(name, {}), more=_branches(joint),
             )
         )  # fmt: skip
         walked.append(joint.name)
