@@ -31,7 +31,7 @@ chooses the directions d, for example those of the last motion.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from numbers import Real
 from typing import Any, NamedTuple
 
@@ -206,7 +206,8 @@ class Capstan:
 
     def _parts(self, geometry: TendonGeometry) -> TendonGeometry:
         """The parts of the cables behind the guides, without those beside round bodies."""
-        return replace(geometry, tendons=self._pieces)
+        kinematics = geometry.S, geometry.rotations, geometry.translations
+        return self._pieces.at(geometry.coordinates, *kinematics)
 
     def _directions(self, geometry: TendonGeometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Unit vectors before and behind each guide at a site, and the points (guides, 3, 3)."""

@@ -213,7 +213,8 @@ class ForceBalance:
         here, data = tree.about_base(q), tree.pin_data
         blocks = pin.computeRNEADerivatives(tree.engine, data, here, v, a)
         by_q, by_v, M = (np.array(block.reshape(n, n), order="C") for block in blocks)
-        r, geometry = np.array(data.tau), tree.tendons.at(coordinates, *tree.last_kinematics())
+        r, kinematics = np.array(data.tau), tree.last_kinematics()
+        geometry = tree.tendons.at(coordinates, *kinematics)
         lengths, arms = geometry.lengths, geometry.moment_arms
         passive, u = tree.passive_forces(coordinates, lengths, arms, v), commands
         gears, slope = self._gears, self._slope
@@ -232,10 +233,10 @@ class ForceBalance:
             gain = gain - self._acts @ (u * tree.areas.slopes(lengths))
         pull = gears @ u
         if tree.rotors:
-            rates, seconds = geometry.arm_rates(v)
+            rates, seconds = tree.tendons.arm_rates(v, *kinematics)
             momenta = tree.tendon_armature[:, None] * arms
-            M += tree.rotor_terms(arms, rates, v)[0]
-            by_q += momenta.T @ (geometry.arm_rates(a)[0] + seconds)
+            M += momenta.T @ arms
+            by_q += momenta.T @ (tree.tendons.arm_rates(a, *kinematics)[0] + seconds)
             by_v += 2.0 * (momenta.T @ rates)
             pull = pull - tree.tendon_armature * (arms @ a + rates @ v)
         r += passive.K + passive.D @ v - pull @ arms

@@ -203,11 +203,12 @@ class _CheckedSteps:
             return None
         ends = ends_by(model, q, h * found.v)
         terms = self._balance.trusted(found.q, found.v, (found.v - v) / h, u, none)
+        matrix = newton_matrix(terms, h, ends)
         try:
-            step = linearised(found.q, found.v, terms, h, found.held, ends)
+            step = linearised(found.q, found.v, terms, matrix, h, found.held, ends)
         except np.linalg.LinAlgError:
             return None
-        if not self._solved(step, terms.residual, np.abs(newton_matrix(terms, h, ends)), h):
+        if not self._solved(step, terms.residual, np.abs(matrix), h):
             return None
         by_force = -step.by_force @ terms.by_commands
         A, B = np.vstack((h * step.by_state, step.by_state)), np.vstack((h * by_force, by_force))

@@ -163,7 +163,8 @@ class ImplicitStep:
             else:
                 terms, before = last
                 residual = _linear_residual(terms, before, point)
-            A = newton_matrix(terms, step, ends_by(self._model, q, step * speed))
+            ends = ends_by(self._model, q, step * speed)
+            A = newton_matrix(terms, step, ends)
             at = model.coordinates(there)
             try:
                 change, held = self._stops.solve(A, residual, at, step, held)
@@ -176,9 +177,10 @@ class ImplicitStep:
             if last is None and step * np.abs(change).max(initial=0.0) < self._near:
                 if self._moved is np.add:
                     self._last = terms, (there, speed, (speed - v) / step, commands, d)
-                return linearised(
-                    there, speed, terms, step, held, ends_by(self._model, q, step * speed)
-                )
+                if ends is not None:
+                    ends = ends_by(self._model, q, step * speed)
+                    A = newton_matrix(terms, step, ends)
+                return linearised(there, speed, terms, A, step, held, ends)
             last = None
         return None
 
@@ -217,8 +219,8 @@ def newton_matrix(
 
 
 def linearised(
-    q: np.ndarray, v: np.ndarray, terms: BalanceTerms, step: float, held: np.ndarray,
-    ends: tuple[np.ndarray, ...] | None,
+    q: np.ndarray, v: np.ndarray, terms: BalanceTerms, A: np.ndarray, step: float,
+    held: np.ndarray, ends: tuple[np.ndarray, ...] | None,
 ) -> ImplicitStepResult:  # fmt: skip
     """The step's end with its derivatives, from the balance there.
 
@@ -228,6 +230,8 @@ def linearised(
         The state at its end.
     terms : BalanceTerms
         The balance there, or so near that its Jacobians are the same.
+    A : ndarray, (n, n)
+        The matrix of Newton's method there.
     step : float
         T (s).
     held : ndarray of int, (n,)
@@ -235,7 +239,7 @@ def linearised(
     ends : tuple of ndarray, optional
         The slopes of `ends_by`.
     """
-    n, A = len(v), newton_matrix(terms, step, ends)
+    n = len(v)
     by_q = terms.by_q if ends is None else terms.by_q @ ends[0]
     right = np.hstack((-by_q, terms.by_a / step, -terms.by_d))
     if held.any():

@@ -119,15 +119,36 @@ class Tendons:
         """
         return TendonGeometry(self, coordinates, S, rotations, translations)
 
+    def arm_rates(
+        self, v: np.ndarray, S: np.ndarray, rotations: np.ndarray, translations: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The rates (tendons, nv) of the moment arms along a constant q̇ = v, and of these rates.
 
-@dataclass(frozen=True, eq=False)
+        Only joint terms and straight segments count.
+
+        Parameters
+        ----------
+        v : ndarray, (nv,)
+            Velocity.
+        S, rotations, translations : ndarray
+            As for `at`.
+        """
+        rates = np.zeros((len(self.names), len(v)))
+        seconds = np.zeros(rates.shape)
+        if len(self.segments.bodies) > 0:
+            if not v.flags.writeable:
+                v = v.copy()  # a read-only array would need a second compilation
+            segment_rates(rates, seconds, S, rotations, translations, *self.segments, v)
+        return rates, seconds
+
+
 class TendonGeometry:
-    """All tendons of a robot at one configuration; each quantity is computed on its first use.
+    """All tendons of a robot at one configuration.
 
     `softdyn.dynamics.tree.TreeModel.tendon_geometry` makes one from views of the engine's results.
     Use it before the engine computes another configuration.
 
-    Attributes
+    Parameters
     ----------
     tendons : Tendons
         The tendons.
@@ -137,23 +158,35 @@ class TendonGeometry:
         Joint Jacobian columns (v; ω) about the world's origin, as rows.
     rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
         The bodies' poses.
+
+    Attributes
+    ----------
+    lengths : ndarray, (tendons,)
+        Lengths in metres, or in the unit of ``coef · q`` for fixed tendons.
+    moment_arms : ndarray, (tendons, nv)
+        Moment arms ∂ℓ/∂q.
     """
 
-    tendons: Tendons
-    coordinates: np.ndarray
-    S: np.ndarray
-    rotations: np.ndarray
-    translations: np.ndarray
-
-    @property
-    def lengths(self) -> np.ndarray:
-        """Lengths (tendons,) in metres, or in the unit of ``coef · q`` for fixed tendons."""
-        return self._lengths_and_arms[0]
-
-    @property
-    def moment_arms(self) -> np.ndarray:
-        """Moment arms ∂ℓ/∂q (tendons, nv)."""
-        return self._lengths_and_arms[1]
+    def __init__(
+        self,
+        tendons: Tendons,
+        coordinates: np.ndarray,
+        S: np.ndarray,
+        rotations: np.ndarray,
+        translations: np.ndarray,
+    ) -> None:
+        self.tendons, self.coordinates, self.S = tendons, coordinates, S
+        self.rotations, self.translations = rotations, translations
+        self.lengths = tendons.coefficients @ coordinates + tendons.offset
+        self.moment_arms = tendons.coefficients
+        if tendons.spatial:
+            self.moment_arms = tendons.coefficients.copy()
+            moment_arms(
+                self.moment_arms, self.lengths, S, rotations, translations, *tendons.segments
+            )
+        if tendons.wraps:
+            self.lengths += self.around.lengths()
+            self.moment_arms += self.around.moment_arms()
 
     @cached_property
     def around(self) -> PlacedPaths:
@@ -184,45 +217,11 @@ class TendonGeometry:
             total, rates = total + more[0], rates + more[1]
         return total, rates
 
-    def arm_rates(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The rates (tendons, nv) of the moment arms along a constant q̇ = v, and of these rates.
-
-        Only joint terms and straight segments count.
-
-        Parameters
-        ----------
-        v : ndarray, (nv,)
-            Velocity.
-        """
-        rates = np.zeros((len(self.tendons.names), len(v)))
-        seconds = np.zeros(rates.shape)
-        segments = self.tendons.segments
-        if len(segments.bodies) > 0:
-            if not v.flags.writeable:
-                v = v.copy()  # a read-only array would need a second compilation
-            segment_rates(rates, seconds, self.S, self.rotations, self.translations, *segments, v)
-        return rates, seconds
-
     def hessians(self) -> np.ndarray:
         """Gradients of the moment arms ∂²ℓ/∂q² (tendons, nv, nv)."""
         still, units = np.zeros(len(self.S)), np.eye(len(self.tendons.names))
         found = [self.curvature(unit, still)[0] for unit in units]
         return np.array(found).reshape(-1, len(still), len(still))
-
-    @cached_property
-    def _lengths_and_arms(self) -> tuple[np.ndarray, np.ndarray]:
-        tendons = self.tendons
-        lengths, arms = (
-            tendons.coefficients @ self.coordinates + tendons.offset,
-            tendons.coefficients,
-        )
-        if tendons.spatial:
-            arms = arms.copy()
-            moment_arms(arms, lengths, self.S, self.rotations, self.translations, *tendons.segments)
-        if tendons.wraps:
-            lengths += self.around.lengths()
-            arms += self.around.moment_arms()
-        return lengths, arms
 
 
 def arms_in_numpy(

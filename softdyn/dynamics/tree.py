@@ -230,6 +230,7 @@ class TreeModel(SoftModel):
         self._tip_and_lengths = 6 + count
         self.rotors = bool(self.tendon_armature.any())
         self._curved = self.joint_curves is not None or self.tendon_curves is not None
+        self._beyond_kernel = self._curved or self.rotors or self.areas is not None
         self._damped = tendons.spatial and bool(self.tendon_damping.any()) and not self._curved
         self._slackens = bool(self.tendon_slack.any()) and not self._curved
 
@@ -255,7 +256,7 @@ class TreeModel(SoftModel):
 
     def states(self, Q: np.ndarray, V: np.ndarray) -> StateBatch:
         """The States of k configurations and velocities, equal to those of `state` to the bit."""
-        own = self._curved or self.rotors or bool(self._forces) or self.areas is not None
+        own = self._beyond_kernel or bool(self._forces)
         if self.tendons.wraps or own or not COMPILES:
             return SoftModel.states(self, Q, V)
         Q, V = check_batch(self, Q, V)
@@ -333,21 +334,16 @@ class TreeModel(SoftModel):
         if here is not q:
             tip_and_lengths[:3] += q[:3]
         arms, B, D, F = self._fixed_arms, self._fixed_B, self._fixed_D, None
-        if self.rotors:
-            M, _, _, bias, _, h, _ = kernels.joint_terms(joint_rows)
-            if self._spatial:
-                arms, _ = kernels.tendon_terms(joint_rows, len(self.tendons.names))
-            more, drift = self.rotor_terms(arms, self._geometry(coordinates).arm_rates(v)[0], v)
-            M += more
-            bias += drift
-            h += drift
-        if self._curved:
-            D = read_only(self._bend_springs(joint_rows, tip_and_lengths, coordinates, v))
+        if self._beyond_kernel:
+            if self.rotors:
+                self._turn_rotors(joint_rows, v)
+            if self._curved:
+                D = read_only(self._bend_springs(joint_rows, tip_and_lengths, coordinates, v))
+            if self.areas is not None:  # the kernel knows constant gears alone
+                self._grow_areas(joint_rows, tip_and_lengths)
         if self._forces:
             F = self.forces_at(q, v)
             kernels.joint_terms(joint_rows)[5][:] -= F
-        if self.areas is not None:  # the kernel knows constant gears alone
-            self._grow_areas(joint_rows, tip_and_lengths)
         for filled in (q, v, joint_rows, tip_and_lengths):
             filled.flags.writeable = False
         M, J, Jdot, bias, K, h, g = kernels.joint_terms(joint_rows)
@@ -366,6 +362,17 @@ class TreeModel(SoftModel):
         if F is not None:
             vars(state)["F"] = F
         return state
+
+    def _turn_rotors(self, joint_rows: np.ndarray, v: np.ndarray) -> None:
+        """Add the tendons' armatures to M, the bias and h, since the kernel knows none."""
+        M, _, _, bias, _, h, _ = kernels.joint_terms(joint_rows)
+        arms = self._fixed_arms
+        if self._spatial:
+            arms, _ = kernels.tendon_terms(joint_rows, len(self.tendons.names))
+        more, drift = self.rotor_terms(arms, v)
+        M += more
+        bias += drift
+        h += drift
 
     def _bend_springs(
         self,
@@ -413,7 +420,7 @@ class TreeModel(SoftModel):
         K, D, *_ = self.passive_forces(coordinates, lengths, arms, v)
         bias = data.nle
         if self.rotors:
-            more, drift = self.rotor_terms(arms, geometry.arm_rates(v)[0], v)
+            more, drift = self.rotor_terms(arms, v)
             M, bias = M + more, bias + drift
         terms = {
             "q": q, "v": v, "M": M, "bias": bias, "K": K, "D": D, "h": bias + D @ v + K,
@@ -432,9 +439,8 @@ class TreeModel(SoftModel):
         C = pin.computeCoriolisMatrix(self.engine, self.pin_data, self.about_base(q), v)
         C = np.reshape(C, (self.nv, self.nv))
         if self.rotors:
-            geometry = self.tendon_geometry(q)
-            momenta = self.tendon_armature[:, None] * geometry.moment_arms
-            C = C + momenta.T @ geometry.arm_rates(v)[0]
+            momenta = self.tendon_armature[:, None] * self.tendon_geometry(q).moment_arms
+            C = C + momenta.T @ self.tendons.arm_rates(v, *self.last_kinematics())[0]
         return read_only(C)
 
     def gravity(self, q: np.ndarray) -> np.ndarray:
@@ -551,20 +557,21 @@ class TreeModel(SoftModel):
         """The tendons in the engine's last kinematics."""
         return self.tendons.at(coordinates, *self.last_kinematics())
 
-    def rotor_terms(
-        self, arms: np.ndarray, rates: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def rotor_terms(self, arms: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The parts of the tendons' armatures in M (n, n) and in C q̇ (n,).
 
         Parameters
         ----------
-        arms, rates : ndarray, (tendons, n)
-            The moment arms, and their rates along q̇ = v.
+        arms : ndarray, (tendons, n)
+            The moment arms in the engine's last kinematics.
         v : ndarray, (n,)
             Velocity.
         """
         scaled = np.sqrt(self.tendon_armature)[:, None] * arms
         M: np.ndarray = scaled.T @ scaled  # symmetric to the bit
+        if not self._spatial:
+            return M, np.zeros(self.nv)
+        rates, _ = self.tendons.arm_rates(v, *self.last_kinematics())
         return M, (self.tendon_armature * (rates @ v)) @ arms
 
     # -- configurations ------------------------------------------------------------------------

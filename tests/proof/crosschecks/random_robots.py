@@ -197,7 +197,7 @@ def draft_text(draft: Draft, seed: int) -> str:
 
 def with_rotors(text: str, rng: np.random.Generator) -> str:
     """The file with armatures of some tendons, of those that MuJoCo knows: along one branch."""
-    robot = parse_text(text, path="random.urdf")
+    robot = parse_text(text, path=Path("random.urdf"))
     for tendon in robot.tendons:
         chains = [{joint.name for joint in robot.chain(site.link)} for site in tendon.sites]
         over = (
