@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from softdyn.description.library import example_files, example_robots
 from softdyn.validation.files import to_json
 from tests.proof.crosschecks import batch as catalogue
+from tests.proof.crosschecks import forced_robots
 from tests.proof.crosschecks.batch import FIXED, FLOATING, REPAIRED, BatchRow
 from tests.proof.crosschecks.random_robots import random_urdf
 
@@ -127,6 +129,18 @@ def test_random_robots_have_as_many_bodies_as_asked_for(bodies):
                           for x in root.iter("link")))  # fmt: skip
     assert min(counts) >= 1
     assert max(counts) >= bodies
+
+
+def test_a_robot_with_each_kind_of_force():
+    """A row has an error of each quantity, of the slopes too; a fault of the judge is one."""
+    for kind in forced_robots.KINDS:
+        (job,) = catalogue.forced_jobs(kind, 1, 1, 3, trajectories=False)
+        row = catalogue.examine(job)
+        assert row.passed, row.verdict
+        assert {"M", "K", "D", "qdd", "dqdd/dq", "dqdd/dv"} <= {*row.errors}
+        assert ("F" in row.errors) == (kind not in ("joints", "tendons"))
+    report = catalogue.BatchReport((row, replace(row, errors=row.errors | {"M": 0.5})))
+    assert "M 5.0e-01" in str(report)
 
 
 def test_the_command(tmp_path, monkeypatch, capsys):
