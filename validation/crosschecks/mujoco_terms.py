@@ -69,7 +69,7 @@ class MujocoTerms:
         self.mass = float(self._model.body_mass[1:].sum())
         self._own: OwnForces | None = None  # given ones, which MuJoCo does not judge
         if twin.robot.forces:
-            self._own = OwnForces(twin.robot, self._model, self._data, states)
+            self._own = OwnForces(twin.robot, self._model, self._data, states, central=True)
 
     # -- at one state --------------------------------------------------------------------------
 
