@@ -14,6 +14,7 @@ import pytest
 import softdyn
 from softdyn import InputError, SetPoint, design, statics
 from softdyn.controllers import Gains, SoftIdClfQp, Status
+from softdyn.design.quadrature import RULES
 from tests.support.arms import RUBBER, loaded
 
 CABLES = tuple(
@@ -134,6 +135,31 @@ def test_copies_are_the_same_model(pcc):
 def test_a_bad_basis_is_one_line(full, basis, message):
     with pytest.raises(InputError, match=message):
         softdyn.reduce(full, basis)
+
+
+def test_the_file_of_an_arm_has_its_strains(tmp_path):
+    """The basis of the robot is that of the arm, with any rule, plates and numbers of joints."""
+    plate = design.Plate(0.012, 0.003, 0.005)
+    parts = [
+        design.Section(length, 0.01, RUBBER, count, name=name, plate=plate, freedoms=freedoms)
+        for name, length, count, freedoms in (
+            ("low.1", 0.0937, 3, ("bend_y", "bend_z")), ("middle", 0.2, 2, ("bend_y", "twist")),
+            ("high", 0.05, 4, ("bend_z", "extension")),
+        )
+    ]  # fmt: skip
+    arms = [design.Arm(tuple(parts), rule=rule) for rule in RULES.values()]
+    arms += [two_sections(1)]
+    for arm in arms:
+        least = min(section.segments for section in arm.sections)
+        for degree in range(least):
+            stated, found = (
+                design.strain_basis(one, degree) for one in (arm, loaded(arm, tmp_path).robot)
+            )
+            assert found.names == stated.names
+            rows = [found.joints.index(name) for name in stated.joints]
+            assert found.matrix[rows] == pytest.approx(stated.matrix, rel=1e-9, abs=1e-12)
+    with pytest.raises(InputError):
+        design.strain_basis(softdyn.load("finger").robot)
 
 
 @pytest.mark.parametrize("degree", [-1, 0.5, 5, math.nan])

@@ -80,7 +80,14 @@ class MujocoTerms:
         if twin.robot.forces or twin.robot.balls or self._areas is not None:
             rested = MotionMemory(self._model, twin.robot)
             self._own = OwnForces(
-                twin.robot, self._model, self._data, states, twin.rest, rested, self._areas
+                twin.robot,
+                self._model,
+                self._data,
+                states,
+                twin.rest,
+                rested,
+                self._areas,
+                central=True,
             )
 
     # -- at one state --------------------------------------------------------------------------

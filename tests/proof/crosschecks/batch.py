@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,9 +15,10 @@ import softdyn
 from softdyn import SoftdynError
 from softdyn.description.library import example_files
 from softdyn.validation.crosschecks.crosscheck import crosscheck
-from softdyn.validation.crosschecks.result import finite
+from softdyn.validation.crosschecks.result import Check, finite
 from softdyn.validation.processes import in_order
 from softdyn.validation.tables import Table, document, inline
+from tests.proof.crosschecks.forced_robots import forced_checks, forced_robot, forced_seeds
 from tests.proof.crosschecks.random_robots import write_robot
 
 FIXED, REPAIRED, FLOATING = "fixed base", "fixed base, inertia repaired", "floating base"
@@ -37,10 +38,13 @@ class RobotJob:
     floating: bool = False
     repair_inertia: bool = False
     trajectories: bool = True
+    force: str = ""
 
     @property
     def variant(self) -> str:
-        """Whether the base is fixed or floats, and whether inertias are repaired."""
+        """Whether the base is fixed or floats, and whether inertias are repaired; or the force."""
+        if self.force:
+            return f"with {self.force}"
         return FLOATING if self.floating else REPAIRED if self.repair_inertia else FIXED
 
 
@@ -64,6 +68,8 @@ class BatchRow:
         The repairs.
     seconds : float
         Wall-clock time, including the building of both models.
+    errors : dict of str to float
+        Of a robot with a force the error of each quantity.
     """
 
     name: str
@@ -76,6 +82,7 @@ class BatchRow:
     reason: str = ""
     repairs: tuple[str, ...] = ()
     seconds: float = 0.0
+    errors: dict[str, float] = field(default_factory=dict)
 
     @property
     def verdict(self) -> str:
@@ -128,7 +135,10 @@ class BatchReport:
             f"{variant}: " + ", ".join(f"{n} {word}" for word, n in count.items())
             for variant, count in self.counts.items()
         ]
-        return "\n".join([*([table.text()] if lines else []), *tallies])
+        forced = [_largest(name, list(group)) for name, group in groupby(
+            (row for row in self.rows if row.errors), lambda row: row.variant
+        )]  # fmt: skip
+        return "\n".join([*([table.text()] if lines else []), *tallies, *forced])
 
     def document(self, command: str) -> str:
         """The rows as a document, a table for each variant; it names `command` as its source."""
@@ -190,6 +200,16 @@ def random_jobs(
     ]
 
 
+def forced_jobs(
+    kind: str, count: int, samples: int, seed: int, *, trajectories: bool = True
+) -> list[RobotJob]:
+    """Jobs for `count` random robots with a kind of force, with seeds from `seed` on."""
+    return [
+        RobotJob(f"random_{k}", None, k, samples, trajectories=trajectories, force=kind)
+        for k in forced_seeds(kind, count, seed)
+    ]
+
+
 def survey(jobs: Sequence[RobotJob], processes: int = -1) -> BatchReport:
     """`examine` all `jobs` in their order; a repair job without repairs has no row."""
     rows = in_order(examine, [(job,) for job in jobs], processes)
@@ -198,6 +218,8 @@ def survey(jobs: Sequence[RobotJob], processes: int = -1) -> BatchReport:
 
 def examine(job: RobotJob) -> BatchRow | None:
     """Load one robot, cross-check it and return the row; a bad file raises nothing."""
+    if job.force:
+        return _examine_forced(job)
     if job.path is None:
         with TemporaryDirectory() as folder:
             return examine(replace(job, path=write_robot(job.seed, Path(folder))))
@@ -219,10 +241,7 @@ def examine(job: RobotJob) -> BatchRow | None:
             reason = str(error).replace(str(job.path), job.name)
             seconds = perf_counter() - began
             return BatchRow(job.name, job.variant, None, reason=reason, seconds=seconds)
-    worst = max(
-        result.checks,
-        key=lambda check: (not check.passed, (finite(check.max_error) or 0.0) / check.tolerance),
-    )
+    worst = _worst(result.checks)
     return BatchRow(
         job.name,
         job.variant,
@@ -234,6 +253,37 @@ def examine(job: RobotJob) -> BatchRow | None:
         "; ".join(f"{check.quantity}: {check.reason}" for check in result.checks if check.reason),
         tuple(text.partition(": ")[2] for text in model.robot.warnings if "repaired" in text),
         perf_counter() - began,
+    )
+
+
+def _examine_forced(job: RobotJob) -> BatchRow:
+    """The row of a random robot with a force."""
+    began = perf_counter()
+    model = forced_robot(job.force, job.seed)
+    assert model is not None  # `forced_seeds` has looked
+    checks, condition = forced_checks(model, job.samples, job.seed, trajectories=job.trajectories)
+    worst = _worst(checks)
+    return BatchRow(
+        job.name, job.variant, all(check.passed for check in checks), model.nv, worst.quantity,
+        finite(worst.max_error), finite(condition),
+        "; ".join(f"{check.quantity}: {check.reason}" for check in checks if check.reason),
+        seconds=perf_counter() - began,
+        errors={one.quantity: one.max_error for one in checks if one.compared},
+    )  # fmt: skip
+
+
+def _largest(variant: str, rows: Sequence[BatchRow]) -> str:
+    """The largest error of each quantity that all rows have."""
+    names = set.intersection(*({*row.errors} for row in rows))
+    worst = (f"{name} {max(row.errors[name] for row in rows):.1e}" for name in sorted(names))
+    return f"{variant}, largest errors: {', '.join(worst)}"
+
+
+def _worst(checks: Sequence[Check]) -> Check:
+    """The check that comes closest to its tolerance, or exceeds it most."""
+    return max(
+        checks,
+        key=lambda check: (not check.passed, (finite(check.max_error) or 0.0) / check.tolerance),
     )
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 
 import pytest
 
 from softdyn.description.library import example_files, example_robots
 from tests.proof.crosschecks import batch as catalogue
+from tests.proof.crosschecks import forced_robots
 from tests.proof.crosschecks.batch import FIXED, BatchRow
 from tests.proof.crosschecks.random_robots import random_urdf
 
@@ -74,6 +76,18 @@ def test_random_robots_have_every_feature_of_the_format():
         "joint armature", "site in tendon",
         "joint in tendon", "actuator in softdyn", "task in softdyn", "springReference in gazebo",
     }  # fmt: skip
+
+
+def test_a_robot_with_each_kind_of_force():
+    """A row has an error of each quantity, of the slopes too; a fault of the judge is one."""
+    for kind in forced_robots.KINDS:
+        (job,) = catalogue.forced_jobs(kind, 1, 1, 3, trajectories=False)
+        row = catalogue.examine(job)
+        assert row.passed, row.verdict
+        assert {"M", "K", "D", "qdd", "dqdd/dq", "dqdd/dv"} <= {*row.errors}
+        assert ("F" in row.errors) == (kind not in ("joints", "tendons"))
+    report = catalogue.BatchReport((row, replace(row, errors=row.errors | {"M": 0.5})))
+    assert "M 5.0e-01" in str(report)
 
 
 def test_the_command(tmp_path, monkeypatch, capsys):
