@@ -191,7 +191,7 @@ class Mpc(NamedLaw):
         self._model, self._balance = model, ForceBalance(model, motors=())
         self._still = np.zeros((KNOTS[-1], model.nv))
         size = len(KNOTS) * model.nu
-        self._qp = DenseQp(size, size, guess=True)
+        self._qp = DenseQp(size, size)
         self.solvers = (self._qp,)
         self._pull: Pull | None = None
         given = self.parameters
