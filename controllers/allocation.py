@@ -53,25 +53,31 @@ def allocate(model: SoftModel, state: State, tau: Any) -> np.ndarray:
     low, high = model.u_min, model.u_max
     if not (np.isfinite(high - low).all() and (low <= high).all()):
         raise InputError("model", "finite input bounds, lower <= upper", f"{low} to {high}")
-    nearest, span = np.clip(np.zeros(model.nu), low, high), high - low
+    return _allocated(state.B, tau, low, high)
+
+
+def _allocated(B: np.ndarray, tau: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    nearest, span = np.clip(np.zeros(len(low)), low, high), high - low
     with np.errstate(all="ignore"):
-        effect = state.B * span
+        effect = B * span
         size, most = (float(np.abs(x).max(initial=0.0)) for x in (effect, tau))
         if not (0 < size < np.inf and most < np.inf):  # NaN is not
             return nearest
         # far beyond the reach only the direction counts; this avoids overflow
         goal = tau / size if most / size <= FAR else tau / most * FAR
         unit = span.max()  # the same scale for all inputs, so that ‖u‖ is minimised
-        basis = row_space(
-            (effect / size).T, RANK_TOLERANCE
-        )  # spans the torques that inputs can give
-        reached = inner(basis, (state.B * (unit / size)).T.copy())
+        # kernels get arrays of one layout for all robots, so that no second one is compiled
+        basis = row_space((effect / size).T.copy(), RANK_TOLERANCE)  # of the torques of all inputs
+        reached = inner(basis, (B * (unit / size)).T.copy())
         rank = len(basis)
         rows, turned, triangle = np.empty(reached.shape), *np.empty((2, rank, rank))
         lq(reached, rows, triangle)
         lq(inner(rows, reached), turned, triangle)  # reached = turnedᵀ triangleᵀ rows
-        u = np.empty(model.nu)
+        u = np.empty(len(low))
         bounded_least_norm(
             triangle.T.copy(), rows, turned @ (basis @ goal), low / unit, high / unit, u
         )
     return np.clip(u * unit, low, high) if np.isfinite(u).all() else nearest
+
+
+_allocated(np.eye(2), np.ones(2), np.zeros(2), np.ones(2))  # compiles before a loop, not in it

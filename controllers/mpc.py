@@ -193,7 +193,7 @@ class Mpc(NamedLaw):
         self._model, self._balance = model, ForceBalance(model, motors=())
         self._still = np.zeros((KNOTS[-1], model.nv))
         size = len(KNOTS) * model.nu
-        self._qp = DenseQp(size, size, guess=True)
+        self._qp = DenseQp(size, size)
         self.solvers = (self._qp,)
         given = self.parameters
         self._weigh = partial(horizon_weights, model, KNOTS, speed=given.speed, rate=given.rate)

@@ -23,7 +23,7 @@ parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one pe
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Make every controller, an observer and an obstacle for every kind of robot."""
+    """Make every controller, `allocate`, an observer and an obstacle for every kind of robot."""
     from softdyn.compiled import COMPILES
     from softdyn.controllers.registry import BEYOND, CONTROLLERS
     from softdyn.validation.processes import in_order
@@ -43,7 +43,7 @@ def _warm(robot: str, name: str) -> None:
 
     import softdyn
     from softdyn.commands.observe import sensors_of
-    from softdyn.controllers import SoftIdClfQp
+    from softdyn.controllers import SoftIdClfQp, allocate
     from softdyn.controllers.registry import LAWS, make_controller
     from softdyn.controllers.safety_filter import with_barriers
     from softdyn.estimation import Ekf
@@ -56,6 +56,7 @@ def _warm(robot: str, name: str) -> None:
         law = with_barriers(SoftIdClfQp, Surroundings([box]))(model)
         law.reset(0.01)
         law(state, softdyn.SetPoint(state.y))
+        allocate(model, state, state.g)
         return
     if name != OBSERVER:
         rubs = "friction" in LAWS[name].options

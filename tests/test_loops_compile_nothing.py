@@ -10,7 +10,7 @@ import pytest
 import softdyn
 import softdyn.compiled
 from softdyn import SetPoint
-from softdyn.controllers import CONTROLLERS
+from softdyn.controllers import CONTROLLERS, allocate
 from softdyn.controllers.registry import make_controller
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.estimation import Ekf
@@ -55,4 +55,12 @@ def test_a_loop_compiles_nothing_after_its_first_step(which: str, name: str) -> 
         u = controller(state, target).u
         if k == 0:
             before = signatures()
+    assert signatures() == before
+
+
+@pytest.mark.parametrize("which", ["finger", "spirob"])
+def test_allocate_is_compiled_when_it_is_imported(which: str) -> None:
+    model = softdyn.load(which)
+    state, before = model.state(model.q0, np.zeros(model.nv)), signatures()
+    allocate(model, state, np.ones(model.nv))
     assert signatures() == before

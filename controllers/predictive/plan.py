@@ -434,7 +434,7 @@ def backward(
     """
     count, nx, m = B.shape
     n, acting = J.shape[2], nx - m
-    steps, gains, qp = np.zeros((count, m)), np.zeros((count, m, nx)), DenseQp(m, m, guess=True)
+    steps, gains, qp = np.zeros((count, m)), np.zeros((count, m, nx)), DenseQp(m, m)
     V, s = last.copy(), last @ away[count - 1]
     for k in range(count - 1, -1, -1):
         V += weight

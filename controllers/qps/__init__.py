@@ -11,6 +11,7 @@
 - `mode_search`: the search for an input that meets the rows of the motion that it leads to;
 - `level_qp`: tasks in strict levels of priority, a QP for each level;
 - `least_norm`: bounded least squares, the minimiser of least norm, for CLF-QP and `allocate`;
-- `qp`: the solver, the only file that imports ProxSuite, with its own residuals and a clock;
+- `qp`: the solvers, with residuals of their answers and a clock; no other file imports DAQP and
+  ProxSuite;
 - `linear_algebra`: ranks, bases and small systems, in compiled loops.
 """

@@ -224,7 +224,7 @@ class LevelQp:
         moving = sizes > EXACT * sizes.max()  # the other inputs are fixed by the levels above
         key = k, int(moving.sum())
         if key not in self._qps:
-            self._qps[key] = DenseQp(*key, guess=True)
+            self._qps[key] = DenseQp(*key)
         H, A, y = np.diag(2 * weights), G[moving] @ T, np.zeros(k)
         # Directions that do not count have a small weight. The proximal point method removes its
         # effect: their aim is their last value.
@@ -320,9 +320,13 @@ def make_qp(
     """
     if not several_levels(error):
         return TaskQp(
-            model, gains, objective(gains), decrease=decrease, horizon=horizon, barriers=barriers,
-            guess=isinstance(error, StackedError),
-        )  # fmt: skip
+            model,
+            gains,
+            objective(gains),
+            decrease=decrease,
+            horizon=horizon,
+            barriers=barriers,
+        )
     if barriers is not None:
         raise InputError("tasks", "one level, beside barriers", "several")
     rest = objective(replace(gains, w1=0.0))

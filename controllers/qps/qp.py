@@ -1,16 +1,17 @@
-"""Small dense QPs solved by ProxQP, and by DAQP where ProxQP's answer is not exact.
+"""Small dense QPs solved by DAQP, and by ProxQP where DAQP's answer is not accurate.
 
 Every answer has its own residuals:
 
     minimise ½ xᵀ H x + gᵀ x   subject to   lower ≤ A x ≤ upper
 
-Only this file imports the two solvers. Bad numbers never reach them. NaN in H, g or A would block
+No other file imports the two solvers. Bad numbers never reach them. NaN in H, g or A would block
 ProxQP (and the GIL) for up to a minute; it ignores NaN in a bound silently; lower > upper lets it
 spin.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from time import perf_counter_ns
 from typing import Any, NamedTuple
@@ -20,22 +21,23 @@ import numpy as np
 from proxsuite import proxqp
 
 from softdyn.compiled import compiled
-from softdyn.controllers.qps.linear_algebra import lu_solve
 
-# ProxQP's tolerances, in scaled variables. The coarse one mostly gives the active set, from which
-# polishing finds the optimum. If polishing fails and DAQP fails too, ProxQP solves to the fine one.
-COARSE, FINE = 1e-3, 1e-9
-MU_IN = 1e-3  # ProxQP's initial penalty on inequalities, for problems of this scaling
 ACCEPTED = 1e-6  # the largest scaled residual of an answer that counts as solved
-# Ordinary problems take up to 32 iterations with one or two inner ones each. A problem that needs
-# more will not be solved, and must end within milliseconds.
+FINE = 1e-9  # the same of an answer after which no other solver is tried
+# DAQP's tolerances, in scaled variables: of a row, and of the repetitions that a singular Hessian
+# needs. Both are below `FINE`, because nothing corrects its answer. Its default for a row is 1e-6;
+# at 1e-11 it leaves inputs beyond their bounds, and at 1e-13 it refuses rows with hardly any room.
+ROW, REPEATED = 1e-12, 1e-12
+# DAQP takes smaller pivots for zero: its default, and a larger one for nearly singular Hessians,
+# which are then regularised and solved repeatedly. The larger one loses rows with hardly any room.
+PIVOT, LARGE_PIVOT = 1e-11, 1e-8
+DAQP_ITERATIONS = 1000  # barriers on the helix take up to 120
+INFEASIBLE = -1  # DAQP's exit flag
+MU_IN = 1e-3  # ProxQP's initial penalty on inequalities, for problems of this scaling
+# Ordinary problems take ProxQP up to 32 iterations with one or two inner ones each. A problem that
+# needs more will not be solved, and must end within milliseconds.
 MAX_ITERATIONS, MAX_INNER = 60, 5
-POLISH_STEPS = 8
-DAQP_ITERATIONS = 200  # ten times those of the problems that ProxQP and polishing leave
-OPEN = 1e30  # DAQP's bound of an open row
-ROUNDING = 2.0**-44  # of an LU of a scaled problem, relative to its largest row
-NO_GUESS = proxqp.InitialGuess.NO_INITIAL_GUESS
-WARM = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+ROUNDING = 2.0**-44  # of the rows of a scaled problem, relative to its largest row
 
 
 class QpProblem(NamedTuple):
@@ -76,7 +78,11 @@ class QpSolution(NamedTuple):
     @property
     def solved(self) -> bool:
         """Whether every residual is small enough; False for NaN."""
-        return self.primal <= ACCEPTED and self.dual <= ACCEPTED and self.gap <= ACCEPTED
+        return self.within(ACCEPTED)
+
+    def within(self, largest: float) -> bool:
+        """Whether no residual exceeds `largest`; False for NaN."""
+        return self.primal <= largest and self.dual <= largest and self.gap <= largest
 
 
 def residuals(problem: QpProblem, x: np.ndarray, z: np.ndarray) -> tuple[float, float, float]:
@@ -88,144 +94,142 @@ def residuals(problem: QpProblem, x: np.ndarray, z: np.ndarray) -> tuple[float, 
     return _residuals(*problem, x, z)
 
 
-def polish(
-    problem: QpProblem, x: np.ndarray, z: np.ndarray
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """The exact optimum for the active set of an approximate (x, z), or None.
-
-    It solves the optimality conditions with the active rows as equalities (as in Stellato et al.
-    2020, OSQP, section 5.2). The answer then depends neither on the warm start nor on the
-    tolerance. Its residuals show whether it is the optimum. If not, polishing it again is a step of
-    the primal-dual active set method (Hintermüller et al. 2002).
-    """
-    x, z = np.array(x, float), np.array(z, float)
-    return (x, z) if _polish(*problem, x, z) else None
-
-
 class DenseQp:
-    """A persistent ProxQP workspace for problems of one size.
+    """A solver of problems of one size.
 
     First, variables are scaled to a unit Hessian diagonal, rows to unit norm, and the answer to the
-    order of one. Scaling is necessary, because ProxQP's own test is absolute: entries of a decrease
-    row are ~1/ε, and those of a nearly singular input map are larger still. ProxQP then computes a
-    coarse answer, which mostly gives the active set. If the polished answer is not the optimum,
-    DAQP finds the active set (Arnström, Bemporad and Axehill 2022). If that fails, ProxQP computes
-    a fine answer. Every problem starts from scratch, so the answer depends on the problem only.
-    ProxQP's own answer depends on the alignment of its memory too: by 3e-7 of the input of `Mpc` on
-    the SpiRob, where the Hessian's condition is 1e11.
+    order of one. Scaling is necessary, because the solvers' own tests are absolute: entries of a
+    decrease row are ~1/ε, and those of a nearly singular input map are larger still.
+
+    DAQP finds the active rows by a dual method (Arnström, Bemporad and Axehill 2022), so that its
+    answer is exact up to rounding. If the residuals say otherwise, as with Hessians of condition
+    1e12, DAQP repeats with a regularised Hessian, and then ProxQP solves the problem (Bambade et
+    al. 2022). The best answer counts. Every problem starts from scratch, so the answer depends on
+    the problem only.
 
     Parameters
     ----------
     variables, rows : int
         The size.
-    guess : bool
-        First polish x = 0 and no active row, and call ProxQP if that fails. It pays where few rows
-        are active, as in predictive control.
     """
 
-    def __init__(self, variables: int, rows: int, *, guess: bool = False) -> None:
-        self._qp: Any = proxqp.dense.QP(
-            variables, 0, rows, False,
-            proxqp.dense.HessianType.Dense, proxqp.dense.DenseBackend.PrimalDualLDLT,
-        )  # fmt: skip
-        settings = self._qp.settings
-        settings.eps_rel = 0.0
-        settings.max_iter, settings.max_iter_in = MAX_ITERATIONS, MAX_INNER
-        settings.default_mu_in = MU_IN
-        settings.compute_preconditioner = False
-        settings.eps_primal_inf = settings.eps_dual_inf = 0.0  # these tests raise false alarms
-        settings.eps_abs, settings.initial_guess = COARSE, NO_GUESS
+    def __init__(self, variables: int, rows: int) -> None:
         self._scaled = QpProblem.empty(variables, rows)
         self._scale, self._norms = np.ones(variables), np.ones(rows)
-        self._kinds = np.zeros(rows, np.int32)  # of DAQP's rows: all are inequalities
-        self._guess = (np.zeros(variables), np.zeros(rows)) if guess else None
-        _, g, A, lower, upper = self._scaled
-        self._qp.init(np.eye(variables), g, None, None, A, lower, upper, False)
-        self._qp.solve()
-        # views of ProxQP's memory, which every solve updates
-        self._x, self._z = self._qp.results.x, self._qp.results.z
-        if self._x.flags.owndata or self._x.ctypes.data != self._qp.results.x.ctypes.data:
-            raise RuntimeError("this ProxSuite hands out copies of its results")
+        self._solvers: tuple[Solver, ...] = SOLVERS
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A copy cannot keep views of the solver's memory. It needs only the sizes, because no
-        # problem depends on an earlier one.
-        sizes = len(self._scale), len(self._norms)
-        return partial(DenseQp, *sizes, guess=self._guess is not None), ()
+        # A copy needs only the sizes, because no problem depends on an earlier one.
+        return DenseQp, (len(self._scale), len(self._norms))
 
     def clocked(self) -> QpClock:
-        """Start to time ProxQP's calls; solvers without a clock have no cost from it."""
-        if not isinstance(self._qp, QpClock):
-            self._qp = QpClock(self._qp)
-        return self._qp
+        """Start to time the solvers; a `DenseQp` without a clock has no cost from it."""
+        clock = QpClock()
+        self._solvers = tuple(clock.timed(solver) for solver in SOLVERS)
+        return clock
 
     def solve(self, problem: QpProblem) -> QpSolution | None:
         """The answer, maybe not solved; None if the problem has invalid numbers."""
-        H, g, A, lower, upper = scaled = self._scaled
-        sane, size = _scale(*problem, *scaled, self._scale, self._norms)
+        scaled, scale, norms = self._scaled, self._scale, self._norms
+        sane, size = _scale(*problem, *scaled, scale, norms)
         if not sane:
             return None
-        if self._guess is not None:
-            answer = QpSolution(*_refined(*scaled, *self._guess, self._scale, self._norms, size))
-            if max(answer[2:]) <= FINE:  # NaN is not
-                return answer
-        qp = self._qp
-        qp.update(H, g, None, None, A, lower, upper, False)
-        qp.solve()
-        answer = QpSolution(*_refined(*scaled, self._x, self._z, self._scale, self._norms, size))
-        if max(answer[2:]) <= FINE:  # NaN is not
-            return answer
-        x, _, found, info = daqp.solve(
-            H, g, A, np.minimum(upper, OPEN), np.maximum(lower, -OPEN), self._kinds,
-            iter_limit=DAQP_ITERATIONS,
-        )  # fmt: skip
-        if found > 0:
-            exact = QpSolution(*_refined(*scaled, x, info["lam"], self._scale, self._norms, size))
-            if max(exact[2:]) <= FINE:
-                return exact
-        settings = qp.settings
-        settings.eps_abs, settings.initial_guess = FINE, WARM
-        qp.solve()
-        settings.eps_abs, settings.initial_guess = COARSE, NO_GUESS
-        return QpSolution(*_refined(*scaled, self._x, self._z, self._scale, self._norms, size))
+        best = None
+        for solver in self._solvers:
+            x, z, decided, _ = solver(*scaled)
+            answer = QpSolution(*_unscaled(*scaled, x, z, scale, norms, size))
+            if best is None or not best.solved or answer.within(max(best[2:])):
+                best = answer
+            if decided or best.within(FINE):
+                break
+        return best
+
+
+# a scaled problem → x, multipliers, whether no other solver is needed, its own time (s)
+Solver = Callable[..., tuple[np.ndarray, np.ndarray, bool, float]]
+
+
+def solve_daqp(
+    H: np.ndarray,
+    g: np.ndarray,
+    A: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    pivot: float = PIVOT,
+) -> tuple[np.ndarray, np.ndarray, bool, float]:
+    """DAQP's answer; decided, with x = 0, if no x meets the rows.
+
+    DAQP may say so wrongly where the Hessian is nearly singular. It counts only if DAQP says the
+    same with the identity as the Hessian.
+    """
+    x, _, found, info = daqp.solve(
+        H, g, A, upper, lower,
+        iter_limit=DAQP_ITERATIONS, primal_tol=ROW, eta_prox=REPEATED, zero_tol=pivot,
+    )  # fmt: skip
+    z, took = info["lam"], info["setup_time"] + info["solve_time"]
+    if found != INFEASIBLE:
+        return x, z, False, took
+    identity = np.eye(len(g))
+    *_, found, info = daqp.solve(
+        identity, g, A, upper, lower, iter_limit=DAQP_ITERATIONS, primal_tol=FINE
+    )
+    took += info["setup_time"] + info["solve_time"]
+    return np.zeros(len(g)), np.zeros(len(lower)), found == INFEASIBLE, took
+
+
+def solve_proxqp(
+    H: np.ndarray, g: np.ndarray, A: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, bool, float]:
+    """ProxQP's answer; its accuracy may depend on the alignment of memory."""
+    qp: Any = proxqp.dense.QP(
+        len(g), 0, len(lower), False,
+        proxqp.dense.HessianType.Dense, proxqp.dense.DenseBackend.PrimalDualLDLT,
+    )  # fmt: skip
+    settings = qp.settings
+    settings.eps_abs, settings.eps_rel = FINE, 0.0
+    settings.max_iter, settings.max_iter_in = MAX_ITERATIONS, MAX_INNER
+    settings.default_mu_in = MU_IN
+    settings.compute_preconditioner = False
+    settings.eps_primal_inf = settings.eps_dual_inf = 0.0  # these tests raise false alarms
+    settings.compute_timings = True
+    qp.init(H, g, None, None, A, lower, upper, False)
+    qp.solve()
+    x, z, info = qp.results.x, qp.results.z, qp.results.info
+    return x.copy(), z.copy(), True, (info.setup_time + info.solve_time) / 1e6
+
+
+SOLVERS: tuple[Solver, ...] = (solve_daqp, partial(solve_daqp, pivot=LARGE_PIVOT), solve_proxqp)
 
 
 class QpClock:
-    """Wraps a ProxQP object and times its calls.
+    """Times the calls of the solvers.
 
     Attributes
     ----------
     outside : int
-        Time in ``update`` and ``solve`` measured in Python (ns).
+        Time of their calls measured in Python (ns).
     inside : float
-        The same time by ProxQP's own clocks (µs).
+        The same time by the solvers' own clocks (µs).
     """
 
-    def __init__(self, qp: Any) -> None:
-        self._qp, self.settings, self._info = qp, qp.settings, qp.results.info
-        self.settings.compute_timings = True
+    def __init__(self) -> None:
         self.reset()
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        raise TypeError("a clock belongs to one solver: copy the solver, and ask it for its clock")
 
     def reset(self) -> None:
         """Set both times to zero."""
         self.outside, self.inside = 0, 0.0
 
-    def update(self, *data: Any) -> None:
-        """Call ProxQP's ``update``, timed."""
-        began = perf_counter_ns()
-        self._qp.update(*data)
-        self.outside += perf_counter_ns() - began
-        self.inside += self._info.setup_time
+    def timed(self, solver: Solver) -> Solver:
+        """The same solver, whose calls this clock counts."""
 
-    def solve(self) -> None:
-        """Call ProxQP's ``solve``, timed."""
-        began = perf_counter_ns()
-        self._qp.solve()
-        self.outside += perf_counter_ns() - began
-        self.inside += self._info.solve_time
+        def solve(*scaled: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool, float]:
+            began = perf_counter_ns()
+            answer = solver(*scaled)
+            self.outside += perf_counter_ns() - began
+            self.inside += answer[-1] * 1e6
+            return answer
+
+        return solve
 
 
 @compiled
@@ -327,69 +331,16 @@ def _residuals(H, g, A, lower, upper, x, z):
 
 
 @compiled
-def _polish(H, g, A, lower, upper, x, z):
-    """A step of `polish` in place; False if it fails."""
-    n, rows = len(x), len(z)
-    active, count = np.empty(rows, np.int64), 0
-    target = np.empty(n + rows)
-    for i in range(n):
-        target[i] = -g[i]
-    for i in range(rows):
-        Ax = 0.0
-        for j in range(n):
-            Ax += A[i, j] * x[j]
-        if z[i] > upper[i] - Ax:
-            target[n + count] = upper[i]
-        elif -z[i] > Ax - lower[i]:
-            target[n + count] = lower[i]
-        else:
-            continue
-        active[count] = i
-        count += 1
-    kkt = np.zeros((n + count, n + count))
-    for i in range(n):
-        for j in range(n):
-            kkt[i, j] = H[i, j]
-        for k in range(count):
-            kkt[n + k, i] = kkt[i, n + k] = A[active[k], i]
-    if not lu_solve(kkt, target):
-        return False
-    for i in range(n):
-        x[i] = target[i]
-    for i in range(rows):
-        z[i] = 0.0
-    for k in range(count):
-        z[active[k]] = target[n + k]
-    return True
-
-
-@compiled
-def _refined(H, g, A, lower, upper, x, z, scale, norms, size):
-    """The polished answer if it is the optimum, else (x, z); unscaled, with its residuals."""
-    n, rows, total = len(x), len(z), 0.0
-    x1, z1, x2, z2 = np.empty(n), np.empty(rows), np.empty(n), np.empty(rows)
-    for i in range(n):
-        x1[i] = x2[i] = x[i]
-        total += abs(x[i])
-    for i in range(rows):
+def _unscaled(H, g, A, lower, upper, x, z, scale, norms, size):
+    """(x, z) in the problem's own units, with its residuals."""
+    x2, z2 = np.empty(len(x)), np.empty(len(z))
+    for i in range(len(z)):
         # an open bound has no multiplier; setting it to zero leaves a dual residual
         closed = not ((z[i] > 0 and upper[i] == np.inf) or (z[i] < 0 and lower[i] == -np.inf))
-        z1[i] = z2[i] = z[i] if closed else 0.0
-        total += abs(z[i])
-    primal = dual = gap = np.inf
-    optimal = False
-    if total < np.inf:
-        for _ in range(POLISH_STEPS):
-            if not _polish(H, g, A, lower, upper, x2, z2):
-                break
-            primal, dual, gap = _residuals(H, g, A, lower, upper, x2, z2)
-            optimal = primal <= FINE and dual <= FINE and gap <= FINE  # NaN is not
-            if optimal:
-                break
-        if not optimal:
-            primal, dual, gap = _residuals(H, g, A, lower, upper, x1, z1)
-    for i in range(n):
-        x1[i] = (x2[i] if optimal else x1[i]) * (scale[i] * size)
-    for i in range(rows):
-        z1[i] = (z2[i] if optimal else z1[i]) / norms[i] * size
-    return x1, z1, primal, dual, gap
+        z2[i] = z[i] if closed else 0.0
+    primal, dual, gap = _residuals(H, g, A, lower, upper, x, z2)
+    for i in range(len(x)):
+        x2[i] = x[i] * (scale[i] * size)
+    for i in range(len(z)):
+        z2[i] *= size / norms[i]
+    return x2, z2, primal, dual, gap

@@ -90,8 +90,6 @@ class TaskQp:
         Its dynamics replace the state's own.
     barriers : Restriction, optional
         Further rows on u.
-    guess : bool
-        See `DenseQp`; the answer is the same.
     """
 
     def __init__(
@@ -103,13 +101,12 @@ class TaskQp:
         decrease: bool,
         horizon: Horizon | None = None,
         barriers: Restriction | None = None,
-        guess: bool = False,
     ) -> None:
         self._objective, self._horizon, self._barriers = objective, horizon, barriers
         self._rho, self._decrease = float(gains.rho), decrease
         size, m = objective.size, model.nu
         self._nu, self._size = m, size
-        self._qp = DenseQp(size + decrease, m + decrease, guess=guess)
+        self._qp = DenseQp(size + decrease, m + decrease)
         self.solvers = (self._qp,)
         # x = (u, …, δ); constant entries are written once here
         self._problem = problem = QpProblem.empty(size + decrease, m + decrease)

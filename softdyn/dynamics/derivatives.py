@@ -81,15 +81,27 @@ def acceleration_derivatives(
     """
     qdd = check_model(model).forward_dynamics(q, v, u)
     terms, n, m = ForceBalance(model, motors=())(q, v, qdd, u), model.nv, model.nu
-    by_theta = np.zeros((n, 0))
-    if len(parameters):
-        import softdyn  # its public names; the dynamics stand below the identification
-
-        state = model.state(q, v)
-        by_theta = softdyn.identification.motion_columns(parameters, state, qdd, u)
+    by_theta = parameter_columns(parameters, model, q, v, qdd, u)
     sides = terms.by_q, terms.by_v, terms.by_commands, by_theta
     blocks = np.linalg.solve(terms.by_a, -np.hstack(sides))
     return Derivatives(qdd, *np.split(blocks, [n, 2 * n, 2 * n + m], axis=1))
+
+
+def parameter_columns(
+    parameters: Sequence[softdyn.identification.Parameter],
+    model: SoftModel,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    u: np.ndarray,
+) -> np.ndarray:
+    """∂r/∂θ (n, p) of the balance r = M a + h - B u, as in `acceleration_derivatives`."""
+    if not len(parameters):
+        return np.zeros((model.nv, 0))
+    import softdyn  # its public names; the dynamics stand below the identification
+
+    columns: np.ndarray = softdyn.identification.motion_columns(parameters, model.state(q, v), a, u)
+    return columns
 
 
 def tangent_dynamics(

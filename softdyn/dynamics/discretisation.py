@@ -10,17 +10,22 @@ With motors, x has their states w, too (`softdyn.dynamics.motors`). In a step th
 mean of the values that act, ū(w, u). With the robot's A_r and B_r,
 
     A_k = [[A_r, B_r ∂ū/∂w], [0, ∂w⁺/∂w]],    B_k = [B_r ∂ū/∂u; ∂w⁺/∂u].
+
+Parameters θ change the balance r at the end of a step, so that ∂v⁺/∂θ = -A⁻¹ ∂r/∂θ, with the A⁻¹ of
+the step. Over the period they follow the rule of B.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from softdyn.checks import array, flag, instance, number, vector
 from softdyn.dynamics.balance import ForceBalance
+from softdyn.dynamics.derivatives import parameter_columns
 from softdyn.dynamics.implicit_step import (
     ImplicitStep,
     ImplicitStepResult,
@@ -32,6 +37,9 @@ from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.motors import Motors
 from softdyn.dynamics.stops import Stops
 from softdyn.exceptions import InputError, SoftdynError
+
+if TYPE_CHECKING:
+    import softdyn
 
 SHORTEST = 2**20  # sub-steps in a period; where a shorter one is needed, there is no motion to find
 ACCURACY = 1e-9  # rad, m: what is left of the forces moves no joint farther within a sub-step
@@ -80,6 +88,8 @@ class DiscreteStep:
         The number of steps that it took, 1 if the first one had a solution.
     acting : ndarray, (k,)
         The motors' states after the period; (0,) without motors.
+    parameters : ndarray, (2n, p)
+        ∂(q, v)⁺ by the parameters of a robot's identification; p is 0 without them.
     """
 
     q: np.ndarray
@@ -89,6 +99,7 @@ class DiscreteStep:
     held: np.ndarray
     substeps: int
     acting: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    parameters: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 def discrete_step(
@@ -102,6 +113,7 @@ def discrete_step(
     winches: bool = False,
     motors: bool = False,
     acting: np.ndarray | None = None,
+    parameters: Sequence[softdyn.identification.Parameter] = (),
 ) -> DiscreteStep:
     """The state after a period under a constant input, by backward Euler, with exact Jacobians.
 
@@ -134,12 +146,14 @@ def discrete_step(
     acting : array_like, (k,), optional
         The motors' states at the begin, as the last step's `acting`. By default `u` has acted for
         long, and the cable of a winch that commands a speed is just slack.
+    parameters : sequence of softdyn.identification.Parameter
+        As in `acceleration_derivatives`, with its errors.
 
     Raises
     ------
     InputError
-        For a wrong shape, a number that is not finite, a period that is not above zero, or motors'
-        states without motors.
+        For a wrong shape, a number that is not finite, a period that is not above zero, motors'
+        states without motors, or parameters beside winches or motors.
     StepError
         Without a solution in 2⁻²⁰ of the period.
     """
@@ -155,9 +169,14 @@ def discrete_step(
         w = drives.settled(q, v, u) if acting is None else vector("acting", acting, drives.size)
     elif acting is not None:
         raise InputError("acting", "none without motors=True", repr(acting))
+    if len(parameters) and (winches or motors):
+        raise InputError("parameters", "none with winches or motors", repr(parameters))
     balance = ForceBalance(model, motors=None if winches or motors else ())
-    steps = _CheckedSteps(model, balance, Stops.of(model) if stops else Stops.none(model))
+    steps = _CheckedSteps(
+        model, balance, Stops.of(model) if stops else Stops.none(model), parameters
+    )
     A, B = np.eye(2 * n + len(w)), np.zeros((2 * n + len(w), model.nu))
+    by_theta = np.zeros((2 * n, len(parameters)))
     held = np.zeros(n, np.int64)
     done, part, count = 0, SHORTEST, 0  # in 2⁻²⁰ of the period
     with np.errstate(all="ignore"):  # a step that overflows has no solution
@@ -171,7 +190,7 @@ def discrete_step(
                     raise StepError(q, v, felt, balance(q, v, np.zeros(n), felt).residual, h)
                 part //= 2
                 continue
-            q, v, held, one, other = found
+            q, v, held, one, other, own = found
             if span is not None:
                 w = span.after
                 one, other = (
@@ -180,23 +199,31 @@ def discrete_step(
                     np.vstack((other @ span.mean_by_command, span.after_by_command)),
                 )  # fmt: skip
             A, B = one @ A, one @ B + other
+            by_theta = one[: 2 * n, : 2 * n] @ by_theta + own
             done, count = done + part, count + 1
             if part < SHORTEST and done % (2 * part) == 0:  # the next one may be longer again
                 part *= 2
-    return DiscreteStep(q, v, A, B, held, count, w)
+    return DiscreteStep(q, v, A, B, held, count, w, by_theta)
 
 
 class _CheckedSteps:
     """Steps of backward Euler whose solutions are checked."""
 
-    def __init__(self, model: SoftModel, balance: ForceBalance, stops: Stops) -> None:
+    def __init__(
+        self,
+        model: SoftModel,
+        balance: ForceBalance,
+        stops: Stops,
+        parameters: Sequence[softdyn.identification.Parameter],
+    ) -> None:
         self._model, self._balance, self._stops = model, balance, stops
+        self._parameters = parameters
         self._step = ImplicitStep(model, balance, stops)
 
     def __call__(
         self, q: np.ndarray, v: np.ndarray, u: np.ndarray, h: float, held: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
-        """q⁺, v⁺, the held joints, A and B; None without a solution."""
+    ) -> tuple[np.ndarray, ...] | None:
+        """q⁺, v⁺, the held joints, A, B and ∂(q, v)⁺/∂θ; None without a solution."""
         model, n, none = self._model, self._model.nv, np.zeros(0)
         found = self._step(q, v, u, none, h, held)
         if found is None:
@@ -210,12 +237,13 @@ class _CheckedSteps:
             return None
         if not self._solved(step, terms.residual, np.abs(matrix), h):
             return None
-        by_force = -step.by_force @ terms.by_commands
-        A, B = np.vstack((h * step.by_state, step.by_state)), np.vstack((h * by_force, by_force))
+        by_theta = parameter_columns(self._parameters, model, step.q, step.v, (step.v - v) / h, u)
+        speeds = step.by_state, -step.by_force @ terms.by_commands, -step.by_force @ by_theta
+        A, B, C = (np.vstack((h * by, by)) for by in speeds)
         if ends is not None:
-            A[:n], B[:n] = ends[1] @ A[:n], ends[1] @ B[:n]
+            A[:n], B[:n], C[:n] = ends[1] @ A[:n], ends[1] @ B[:n], ends[1] @ C[:n]
         A[:n, :n] += np.eye(n) if ends is None else ends[0]
-        return (step.q, step.v, step.held, A, B) if np.isfinite(A).all() else None
+        return (step.q, step.v, step.held, A, B, C) if np.isfinite(A).all() else None
 
     def _solved(self, step: ImplicitStepResult, r: np.ndarray, A: np.ndarray, h: float) -> bool:
         """Whether balance and complementarity of stops hold at a step's end."""

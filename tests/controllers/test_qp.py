@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-import pickle
 import time
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
-from softdyn.controllers.qps.qp import ACCEPTED, DenseQp, QpProblem, QpSolution, polish, residuals
+from softdyn.controllers.qps.qp import (
+    ACCEPTED,
+    SOLVERS,
+    DenseQp,
+    QpProblem,
+    QpSolution,
+    residuals,
+)
 from tests.proof.paper.solvers import SymbolicQp, Term, unknowns
 from tests.support.printed import solve_daqp, solve_quadprog
 
@@ -155,38 +162,50 @@ def test_no_residual_that_is_no_number_counts_as_solved(bad: float) -> None:
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_polish_is_exact_and_repeats(seed: int) -> None:
+def test_answers_of_every_solver_agree(seed: int) -> None:
     problem = draw(seed, 7, 9)
-    right = solve(problem)
-    assert right is not None
-    rng = np.random.default_rng(seed)
-    x = right.x + 1e-9 * rng.normal(size=7)
-    exact = polish(problem, x, right.multipliers)
+    exact = solve(problem)
     assert exact is not None
-    assert max(residuals(problem, *exact)) < 1e-11
-    again = polish(problem, *exact)
-    assert again is not None
-    np.testing.assert_allclose(again[0], exact[0], rtol=0, atol=1e-10 * np.abs(exact[0]).max())
+    assert max(exact[2:]) < 1e-12
+    for solver in SOLVERS[1:]:
+        alone = DenseQp(7, 9)
+        alone._solvers = (solver,)
+        other = solve(problem, alone)
+        assert other is not None
+        assert other.solved
+        np.testing.assert_allclose(other.x, exact.x, rtol=0, atol=1e-7 * np.abs(exact.x).max())
 
 
-@pytest.mark.parametrize("seed", range(10))
-def test_polishing_on_finds_the_active_set(seed: int) -> None:
-    # from the unconstrained minimiser, on box constraints: the primal-dual active set method
-    rng = np.random.default_rng(seed)
-    root = rng.normal(size=(5, 5))
-    H = root @ root.T / 10 + 2 * np.eye(5)
-    problem = QpProblem(H, 5 * rng.normal(size=5), np.eye(5), np.full(5, -1.0), np.full(5, 1.0))
-    x, z = np.linalg.solve(H, -problem.g), np.zeros(5)
-    for _ in range(8):
-        step = polish(problem, x, z)
-        assert step is not None
-        x, z = step
-    assert optimal(problem, x, z)
+def test_proxqp_answers_what_daqp_leaves() -> None:
+    # a linear program; with tiny steps DAQP's repetitions end a little early
+    rng = np.random.default_rng(1255)
+    A = np.vstack((np.eye(3), rng.normal(size=(3, 3))))
+    centre, g = A @ rng.normal(size=3), rng.normal(size=3)
+    problem = QpProblem(np.zeros((3, 3)), g, A, centre - rng.random(6), centre + rng.random(6))
+    first = DenseQp(3, 6)
+    first._solvers = SOLVERS[:2]
+    left, found = solve(problem, first), solve(problem)
+    assert left is not None
+    assert found is not None
+    assert max(found[2:]) < max(left[2:])
+    vertex = linprog(g, np.vstack((A, -A)), np.concatenate((problem.upper, -problem.lower)),
+                     bounds=(None, None)).x  # fmt: skip
+    np.testing.assert_allclose(found.x, vertex, rtol=0, atol=1e-7)
 
 
-def test_polish_declines_a_singular_system() -> None:
-    problem = QpProblem(np.zeros((2, 2)), np.ones(2), np.eye(2), -np.ones(2), np.ones(2))
-    assert polish(problem, np.zeros(2), np.zeros(2)) is None
+@pytest.mark.parametrize("exponent", [-10, -12, -14])
+def test_hessians_that_are_nearly_singular(exponent: int) -> None:
+    """At a condition of 1e12 DAQP's first answer is wrong in one problem of five."""
+    rng = np.random.default_rng(2)
+    for _ in range(50):
+        axes = np.linalg.qr(rng.normal(size=(4, 4)))[0]
+        H = axes * np.logspace(0, exponent, 4) @ axes.T
+        A = np.vstack((np.eye(4), rng.normal(size=(2, 4))))
+        centre = A @ rng.normal(size=4)
+        bounds = centre - rng.random(6), centre + rng.random(6)
+        found = solve(QpProblem((H + H.T) / 2, rng.normal(size=4), A, *bounds))
+        assert found is not None
+        assert max(found[2:]) < 1e-9
 
 
 # -- hostile ---------------------------------------------------------------------------------------
@@ -358,10 +377,9 @@ def three_cables_ahead(seed: int) -> QpProblem:
     return QpProblem(H, g, np.eye(15), np.full(15, -38.0), np.full(15, 61.0))
 
 
-@pytest.mark.parametrize("guess", [False, True])
-def test_an_ill_conditioned_hessian_has_one_exact_answer(guess: bool) -> None:
+def test_an_ill_conditioned_hessian_has_one_exact_answer() -> None:
     """Its condition is 1e10; ProxQP alone leaves a gap of 1e-7 in one problem of ten."""
-    solver = DenseQp(15, 15, guess=guess)
+    solver = DenseQp(15, 15)
     for seed in range(60):
         problem = three_cables_ahead(seed)
         solution = solve(problem, solver)
@@ -379,19 +397,7 @@ def test_answers_do_not_depend_on_what_was_solved_before() -> None:
         one, two = solve(problem, solver), solve(problem)
         assert one is not None
         assert two is not None
-        np.testing.assert_allclose(one.x, two.x, rtol=1e-12, atol=1e-12)
-
-
-def test_a_guess_gives_the_same_answer() -> None:
-    rng = np.random.default_rng(8)
-    plain, guessing = DenseQp(4, 4), pickle.loads(pickle.dumps(DenseQp(4, 4, guess=True)))
-    for bound in (0.01, 1.0, 100.0):
-        root = rng.normal(size=(4, 4))
-        H, rows = root @ root.T + np.eye(4), rng.normal(size=(4, 4)) + 3 * np.eye(4)
-        problem = QpProblem(H, rng.normal(size=4), rows, np.full(4, -bound), np.full(4, bound))
-        answers = [qp.solve(problem) for qp in (plain, guessing)]
-        assert all(answer is not None and answer.solved for answer in answers)
-        np.testing.assert_allclose(answers[0].x, answers[1].x, rtol=1e-9, atol=1e-12)
+        np.testing.assert_array_equal(one.x, two.x)
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -9,6 +9,7 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SoftModel
+from softdyn.dynamics import discrete_step
 from softdyn.dynamics.derivatives import (
     acceleration_derivatives,
     gravity_stiffness,
@@ -144,6 +145,30 @@ def test_acceleration_by_a_bending_stiffness_and_an_offset(tmp_path):
                 for s in (1, -1, 2, -2)]  # fmt: skip
         slope = (8 * (near[0] - near[1]) - near[2] + near[3]) / (12 * h[k])
         assert relative(slope, found.parameters[:, k]) <= 10 * BAR, one.label
+
+
+@pytest.mark.parametrize("name", ["finger", "spirob"])
+@pytest.mark.parametrize("at_stop", [False, True])
+def test_a_step_by_parameters(name, at_stop, tmp_path):
+    """Against central differences of robots with other values; a joint may end at its stop."""
+    model = balanced(name, tmp_path)
+    q, v, u = random_case(model)
+    if at_stop:
+        q = model.configuration(np.where(np.arange(model.nv) == 1, model.upper, q))
+        v[1] = 30.0
+    unknowns = choose_unknowns(model, ["stiffness", "damping", "mass", "rest"])
+    unknowns = unknowns[:: max(1, len(unknowns) // 12)]
+    found = discrete_step(model, q, v, u, 0.01, parameters=unknowns)
+    assert found.held.any() or not at_stop
+    theta, expected = np.array([one.nominal for one in unknowns]), []
+    scale = np.array([one.scale for one in unknowns])
+    for h in np.diag(1e-4 * scale):
+        near = [discrete_step(apply_values(model, unknowns, theta + s * h), q, v, u, 0.01)
+                for s in (1, -1)]  # fmt: skip
+        assert all((one.held == found.held).all() for one in near)
+        ends = [np.concatenate((one.q, one.v)) for one in near]
+        expected.append((ends[0] - ends[1]) / (2 * h.sum()))
+    assert relative(np.array(expected).T * scale, found.parameters * scale) <= 1e-6
 
 
 def test_parameters_of_another_kind_are_refused(tmp_path):

@@ -242,6 +242,7 @@ def test_no_motion_is_an_error_that_has_the_state():
         ("period", {"period": np.nan}), ("stops", {"stops": "hard"}),
         ("model", {"model": "finger"}), ("motors", {"motors": 1}), ("winches", {"winches": "yes"}),
         ("acting", {"acting": [0.0, 0.0]}), ("acting", {"motors": True, "acting": [0.0]}),
+        ("parameters", {"motors": True, "parameters": ["stiffness"]}),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_line(name, given):

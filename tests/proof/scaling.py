@@ -32,7 +32,7 @@ def command(arguments: cli.Arguments) -> int:
         ("n", "n", ""),
         ("m", "m", ""),
         *(column for column in STEP[2:10] if column[1] not in ("p99_us", "p999_us")),
-        ("ProxQP's own", "proxqp_us", ".1f"),
+        ("solver's own", "solver_us", ".1f"),
     )
     cli.make_folder(arguments.out)
     with tqdm(total=ROUNDS, unit="round", disable=None, leave=False) as bar:

@@ -22,7 +22,7 @@ import softdyn
 from softdyn.controllers.registry import is_own
 from softdyn.validation.inputs import imported
 
-PACKAGES = ("pin", "mujoco", "proxsuite", "numpy", "scipy", "numba")
+PACKAGES = ("pin", "mujoco", "proxsuite", "daqp", "numpy", "scipy", "numba")
 GIT_SECONDS = 5.0  # a working folder on a slow network must not stop a run
 PYTHON = "{python}"  # the folder of the Python installation, at the beginning of a path
 

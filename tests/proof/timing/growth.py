@@ -41,8 +41,8 @@ def _growth(axis: Axes, rows: list[dict[str, Any]], variable: str) -> None:
         ("median_us", "step", {"color": BLUE, "marker": "o"}),
         ("floor_us", "floor", {"color": BLACK, "marker": "s"}),
         ("dynamics_us", "dynamics", {"color": GREEN, "marker": "^", "ls": "--"}),
-        ("solve_us", "condensed QP in ProxQP", {"color": ORANGE, "marker": "D"}),
-        ("proxqp_us", "its own run time", {"color": VERMILLION, "marker": "v", "ls": ":"}),
+        ("solve_us", "condensed QP in its solver", {"color": ORANGE, "marker": "D"}),
+        ("solver_us", "its own run time", {"color": VERMILLION, "marker": "v", "ls": ":"}),
     )
     for key, label, look in lines:
         axis.plot(x, [row[key] for row in rows], label=label, ms=3, **look)

@@ -10,7 +10,7 @@ from typing import Any
 
 from softdyn.validation.tables import Table, document
 
-ENGINES = ("pin", "proxsuite", "mujoco", "numpy", "numba")
+ENGINES = ("pin", "proxsuite", "daqp", "mujoco", "numpy", "numba")
 
 STEP = (  # title, key, format
     ("Robot", "robot", ""),

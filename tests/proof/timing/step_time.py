@@ -58,9 +58,9 @@ class Times:
     engine : array, (rounds, states)
         Only the Pinocchio calls of the step.
     solve : array, (rounds, states)
-        Time in ProxQP's ``update`` and ``solve``, including their calls from Python.
+        Time in the solvers of QPs (DAQP, rarely ProxQP), including their calls from Python.
     native : array, (rounds, states)
-        ProxQP's own `run_time` for both.
+        The same by the solvers' own clocks.
     stacks : array, (rounds, 2) or (rounds, 0)
         A step of the paper's stack, once with the QP as the reference implementation writes it and
         once with a quadratic objective. One state per round.
@@ -97,7 +97,7 @@ class Times:
             "assembly_us": float(np.median(self.law)) - solve,
             "solve_us": solve,
             "pinocchio_us": float(np.median(self.engine)),
-            "proxqp_us": float(np.median(self.native)),
+            "solver_us": float(np.median(self.native)),
             "floor_us": floor,
             "floor_ratio": median / floor,
             "stack_us": stack,

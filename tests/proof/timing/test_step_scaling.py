@@ -26,5 +26,5 @@ def test_scaling(monkeypatch):
     assert [(row["n"], row["m"]) for row in found["joints"]] == [(4, 3), (6, 3)]
     assert [(row["n"], row["m"]) for row in found["inputs"]] == [(7, 2)]
     for row in (*found["joints"], *found["inputs"]):
-        assert row["proxqp_us"] > 0
-        assert row["floor_us"] > row["proxqp_us"]
+        assert row["solver_us"] > 0
+        assert row["floor_us"] > row["solver_us"]

@@ -49,7 +49,7 @@ def test_the_command_times_the_states_it_finds(states, tmp_path):
         assert row["ratio"] is None
         assert row["floor_us"] > 0
         assert 0 < row["median_us"] <= row["p99_us"] <= row["p999_us"]
-        assert (row["proxqp_us"] > 0) == (row["controller"] == "soft-id-clf-qp")
+        assert (row["solver_us"] > 0) == (row["controller"] == "soft-id-clf-qp")
         assert (row["states"], row["samples"]) == (25, 50)
     for name in ("step_time.pdf", "step_time.png", "step_time.md", "step_time.json"):
         assert (tmp_path / name).stat().st_size > 0
@@ -78,9 +78,8 @@ def test_parts_and_floor(finger, states):
         assert (found.law > 0).all()
         assert (found.engine > 0).all()
         solves = name != "ic"
-        if name not in BEYOND:  # those polish their guess, often without ProxQP
-            assert ((found.solve > 0) == solves).all()
-            assert ((found.native > 0) == solves).all()
+        assert ((found.solve > 0) == solves).all()
+        assert ((found.native > 0) == solves).all()
         row = found.row()
         parts = row["dynamics_us"] + row["assembly_us"] + row["solve_us"]
         assert parts == pytest.approx(row["median_us"], rel=0.5)

@@ -22,7 +22,7 @@ RUN_BY = (
     "validation/studies/engine", "validation/studies/experiments.py",
 )  # fmt: skip
 PICTURES = "validation/loop/pictures"  # the part of these that changes no number
-ENGINES = ("pin", "mujoco", "proxsuite", "numpy", "scipy", "numba")
+ENGINES = ("pin", "mujoco", "proxsuite", "daqp", "numpy", "scipy", "numba")
 
 
 def fingerprint(case: Case, *parts: Any) -> str:
