@@ -17,7 +17,7 @@ from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.projection import underlying_tree
 from softdyn.dynamics.tree import TreeModel
 from softdyn.exceptions import UrdfError
-from softdyn.plausible import least_area, reached_stretches
+from softdyn.plausible import emptied_chambers
 
 
 def load(
@@ -116,14 +116,8 @@ def _check_areas(tree: TreeModel) -> None:
         return
     arms = tree.tendon_moment_arms(tree.q0)[tree.actuated]
     forces = np.sort(tree.gear * np.array([tree.u_min, tree.u_max]), axis=0)
-    for k, one in enumerate(tree.robot.actuators):
-        if one.area_growth:
-            reached = reached_stretches(arms, tree.stiffness, forces, k, one.area_length)
-            least, at = least_area(one.area_growth, reached)
-            if least <= 0:
-                low, high = reached
-                raise UrdfError(
-                    tree.robot.path, f'<softdyn><actuator name="{one.name}">',
-                    f"an area > 0 at stretches from {low:.3g} to {high:.3g}, which inputs reach",
-                    f"{least * one.gear:.3g} m² at {at:.3g}",
-                )  # fmt: skip
+    motors = tree.robot.actuators
+    growths, lengths = zip(*((one.area_growth, one.area_length) for one in motors), strict=True)
+    for k, expected, got in emptied_chambers(arms, tree.stiffness, forces, growths, lengths):
+        where = f'<softdyn><actuator name="{motors[k].name}">'
+        raise UrdfError(tree.robot.path, where, expected, got)

@@ -56,18 +56,14 @@ def implausible_pressures(name: str, lower: float, upper: float) -> Iterator[str
         yield f"{name}: a gauge pressure of {lower:g} Pa, below a vacuum of {-VACUUM:g} Pa"
 
 
-def least_area(growth: Sequence[float], stretches: tuple[float, float]) -> tuple[float, float]:
-    """The least A(λ) / A(1) = 1 + g₁ (λ - 1) + g₂ (λ - 1)² + … between two λ, and its λ."""
-    at = np.linspace(*stretches, 201)
-    found = np.polynomial.polynomial.polyval(at - 1.0, (1.0, *growth))
-    k = int(np.argmin(found))
-    return float(found[k]), float(at[k])
-
-
-def reached_stretches(
-    arms: np.ndarray, stiffness: np.ndarray, forces: np.ndarray, k: int, length: float
-) -> tuple[float, float]:
-    """The least and the largest stretch λ that a robot's inputs together give to tendon k.
+def emptied_chambers(
+    arms: np.ndarray,
+    stiffness: np.ndarray,
+    forces: np.ndarray,
+    growths: Sequence[Sequence[float]],
+    lengths: Sequence[float],
+) -> Iterator[tuple[int, str, str]]:
+    """Inputs whose area is not above 0 at a stretch λ that all inputs together reach.
 
     The robot is weightless, and its moment arms are constant. A joint without a spring does not
     move.
@@ -80,14 +76,28 @@ def reached_stretches(
         Stiffness of each joint.
     forces : ndarray, (2, m)
         Least and largest force of each input along its tendon (N).
-    k : int
-        Number of the input.
-    length : float
-        Length of its tendon at λ = 1 (m).
+    growths : sequence of sequence of float, (m,)
+        The coefficients g of A(λ) / A(1) = 1 + g₁ (λ - 1) + g₂ (λ - 1)² + …; none of an input
+        that has none.
+    lengths : sequence of float, (m,)
+        Length of each tendon at λ = 1 (m).
+
+    Yields
+    ------
+    The number of the input, what is expected, and what was got.
     """
     firm = stiffness > 0
-    moved = arms[:, firm] @ (arms[k, firm] / stiffness[firm]) * forces / length
-    return 1.0 + float(moved.min(axis=0).sum()), 1.0 + float(moved.max(axis=0).sum())
+    for k, (growth, length) in enumerate(zip(growths, lengths, strict=True)):
+        if not growth:
+            continue
+        moved = arms[:, firm] @ (arms[k, firm] / stiffness[firm]) * forces / length
+        low, high = 1.0 + moved.min(axis=0).sum(), 1.0 + moved.max(axis=0).sum()
+        at = np.linspace(low, high, 201)
+        share = np.polynomial.polynomial.polyval(at - 1.0, (1.0, *growth))
+        if share.min() <= 0:
+            expected = f"an area > 0 at stretches from {low:.3g} to {high:.3g}, which inputs reach"
+            least = int(np.argmin(share))
+            yield k, expected, f"{share[least]:.3g} times that of rest at {at[least]:.3g}"
 
 
 def too_slow(name: str, value: float, period: float) -> str | None:

@@ -19,12 +19,13 @@ PROGRAMS = sorted(path for path in EXAMPLES.glob("*.py") if path.stem not in CLA
 MOST_LINES = 40
 LONGER = {"own_ilqr": 90, "crocoddyl_adapter": 50, "casadi_adapter": 55}  # lines
 PACKAGES = {f"{name}_adapter": name for name in ("crocoddyl", "casadi", "jax")}
+PACKAGES["random_copies"] = "mujoco_warp"
 MADE = re.compile(r"\b\w+\.(?:png|html|urdf)\b")
 FIRST_FILE = b"\x89PNG", b"<!DOCTYPE html", b"<?xml", b"<robot"
 
 
-def test_there_are_seventeen():
-    assert len(PROGRAMS) == 17
+def test_there_are_eighteen():
+    assert len(PROGRAMS) == 18
 
 
 def test_the_page_of_predictive_control_shows_its_program():
@@ -44,7 +45,7 @@ def test_an_example_is_short_and_stands_in_the_page_of_its_topic(path):
 @pytest.mark.parametrize("path", PROGRAMS, ids=lambda path: path.stem)
 def test_an_example_runs_and_makes_what_it_says(path, tmp_path, monkeypatch, capsys):
     if path.stem in PACKAGES:
-        pytest.importorskip(PACKAGES[path.stem], reason="in softdyn[mpc-examples]")
+        pytest.importorskip(PACKAGES[path.stem], reason="a package that softdyn does not need")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "Agg")
     runpy.run_path(str(path), run_name="__main__")

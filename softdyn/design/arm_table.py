@@ -298,9 +298,10 @@ def _area(table: TomlTable) -> dict[str, Any]:
             raise table.error("areas", "areas or area, not both", "both")
         stretch, area = np.array(measured).T
         degree = min(len(set(stretch.tolist())) - 1, MOST_FITTED)
+        if degree == 0 or stretch.min() <= 0:
+            expected = "areas at two stretches > 0 or more"
+            raise table.error("areas", expected, ", ".join(f"{x:g}" for x in stretch))
         given = np.polynomial.polynomial.polyfit(stretch - 1.0, area, degree).tolist()
-        if degree == 0:
-            raise table.error("areas", "areas at two stretches or more", "one")
     if given is None or isinstance(given, float):
         return {"area": given}
     first, *more = given

@@ -23,9 +23,8 @@ from softdyn.plausible import (
     STRONG,
     VACUUM,
     WEIGHT,
+    emptied_chambers,
     implausible_pressures,
-    least_area,
-    reached_stretches,
     too_strong,
 )
 
@@ -247,15 +246,10 @@ def _check_growth(layout: Layout) -> None:
         if isinstance(one, Chamber) else (-one.max_tension, 0.0)
         for one in paths
     ]).T  # fmt: skip
-    for k, one in enumerate(paths):
-        if isinstance(one, Chamber) and one.growth:
-            reached = reached_stretches(arms, stiffness, forces, k, layout.length(one))
-            least, at = least_area(one.growth, reached)
-            if least <= 0:
-                low, high = reached
-                where = f"an area > 0 at stretches from {low:.3g} to {high:.3g}, which inputs reach"
-                got = f"{1e6 * least * one.section_area:.3g} mm² at {at:.3g}"
-                raise InputError(f"{_named(one)}: area", where, got)
+    growths = [one.growth if isinstance(one, Chamber) else () for one in paths]
+    lengths = [layout.length(one) for one in paths]
+    for k, expected, got in emptied_chambers(arms, stiffness, forces, growths, lengths):
+        raise InputError(f"{_named(paths[k])}: area", expected, got)
 
 
 def _check_effect(layout: Layout, cable: Path) -> None:

@@ -17,7 +17,6 @@ import numpy as np
 from softdyn.checks import array, length, read_only, vector
 from softdyn.description.robot import Robot
 from softdyn.dynamics import text
-from softdyn.dynamics.areas import areas_of
 from softdyn.dynamics.curves import Curves, curves_of
 from softdyn.dynamics.tendons import Tendons
 from softdyn.exceptions import InputError
@@ -598,7 +597,7 @@ def check_batch(model: SoftModel, Q: Any, V: Any) -> tuple[np.ndarray, np.ndarra
 
 def _inputs_vary(model: SoftModel) -> bool:
     """Whether B depends on q."""
-    return model.tendons.spatial or areas_of(model.robot) is not None
+    return model.tendons.spatial or any(one.area_growth for one in model.robot.actuators)
 
 
 def _shapes(model: SoftModel) -> dict[str, tuple[int, ...]]:
