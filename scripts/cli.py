@@ -315,6 +315,10 @@ def add_server_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-open", action="store_true", help="print the page's address and open no browser"
     )
+    parser.add_argument(
+        "--origin", metavar="URL",
+        help="origin of a proxy on this machine that passes the page on, such as https://host",
+    )  # fmt: skip
 
 
 def load_robot(arguments: Arguments) -> SoftModel:
@@ -536,7 +540,7 @@ def serve(
     """
     from softdyn.view.live.channel import Channel
 
-    with Channel(page.html(), port=arguments.port) as channel:
+    with Channel(page.html(), port=arguments.port, origin=arguments.origin) as channel:
         offer(channel, arguments, stream)
         while not over():
             channel.check()

@@ -56,7 +56,7 @@ parser.add_argument(
 )
 cli.add_server_options(parser)
 cli.add_json(parser)
-parser.unused("--port --no-open", lambda a: not a.view, "only --view serves a page")
+parser.unused("--port --no-open --origin", lambda a: not a.view, "only --view serves a page")
 
 
 def command(arguments: cli.Arguments) -> int:

@@ -105,7 +105,7 @@ parser.add_argument("--view", action="store_true", help="show the run live in th
 parser.option("--seed", cli.whole, "N", "seed of the noise of --serve", 0)
 cli.add_server_options(parser)
 cli.add_json(parser)
-parser.unused("--no-open", lambda a: not a.view, "only --view opens a page")
+parser.unused("--no-open --origin", lambda a: not a.view, "only --view opens a page")
 parser.unused(
     "--port", lambda a: not (a.view or a.serve), "only --view and --serve serve something"
 )
@@ -307,7 +307,7 @@ def view(drive: Drive, arguments: cli.Arguments, heard: Signals) -> DriveResult:
     loop = drive.loop
     columns = watching.columns_of(loop)
     every = max(round(1 / (RATE * loop.grid.period)), 1)
-    with watching.open_watch_page(loop, arguments.port) as channel:
+    with watching.open_watch_page(loop, arguments.port, origin=arguments.origin) as channel:
         print(channel.url, file=sys.stderr, flush=True)
         if not arguments.no_open:
             channel.open()

@@ -59,7 +59,7 @@ def command(arguments: cli.Arguments) -> int:
         from softdyn.view.live.pacing import Clock
 
         session = make_session(arguments)
-        with open_play_page(session, arguments.port) as channel:
+        with open_play_page(session, arguments.port, arguments.origin) as channel:
             cli.offer(channel, arguments)
             drive(session, channel, Clock(session.period, keep=KEPT), over, warn)
     return cli.PASSED

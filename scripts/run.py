@@ -158,7 +158,9 @@ parser.option("--speed", cli.positive, "X", "pace of --view, simulated seconds p
 cli.add_server_options(parser)
 cli.add_json(parser)
 parser.unused("--periodic", lambda a: a.trajectory is None, "only with --trajectory")
-parser.unused("--speed --port --no-open", lambda a: not a.view, "only --view serves a page")
+parser.unused(
+    "--speed --port --no-open --origin", lambda a: not a.view, "only --view serves a page"
+)
 parser.unused(
     "--seed", lambda a: a.rig is None and a.record is None, "only a rig has noise, see --rig"
 )
@@ -506,7 +508,7 @@ def watch(
     from softdyn.validation.loop.pictures.replay import replay
 
     shapes = scenery_of(plant)
-    with watching.open_watch_page(loop, arguments.port, shapes) as channel:
+    with watching.open_watch_page(loop, arguments.port, shapes, arguments.origin) as channel:
         print(channel.url, file=sys.stderr, flush=True)
         if not arguments.no_open:
             channel.open()

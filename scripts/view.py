@@ -34,7 +34,7 @@ parser.output("--html", "FILE", "write the page to a file and serve nothing")
 parser.add_argument("--sliders", action="store_true", help="set joints or inputs by slider")
 cli.add_server_options(parser)
 cli.add_robot_options(parser)
-parser.unused("--port --no-open", lambda a: a.html, "--html serves no page")
+parser.unused("--port --no-open --origin", lambda a: a.html, "--html serves no page")
 
 
 def command(arguments: cli.Arguments) -> int:
@@ -59,7 +59,7 @@ def sliders(model: SoftModel, arguments: cli.Arguments, over: Callable[[], bool]
     """Serve the robot with its sliders."""
     from softdyn.view.live.explorer import explore, open_explorer_page
 
-    with open_explorer_page(model, arguments.port) as channel:
+    with open_explorer_page(model, arguments.port, arguments.origin) as channel:
         cli.offer(channel, arguments)
         explore(model, channel, over)
     return cli.PASSED

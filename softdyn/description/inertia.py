@@ -124,7 +124,7 @@ def written_in_another_order(numbers: Sequence[float]) -> str:
         Numbers in the order of `MOMENTS`, which are no possible inertia.
     """
     for order in ORDERS:
-        moments = np.array([numbers[order.index(name)] for name in MOMENTS])
+        moments = [numbers[order.index(name)] for name in MOMENTS]
         least, most = np.linalg.eigvalsh(symmetric(moments))[[0, -1]]
         if least > SLACK * most and not Inertia(1.0, np.zeros(3), symmetric(moments)).defect():
             words = ", ".join(name.removeprefix("i") for name in order)

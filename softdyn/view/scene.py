@@ -16,7 +16,17 @@ import numpy as np
 import pinocchio as pin
 
 from softdyn.description.rig import PASCAL, Actuator
-from softdyn.description.robot import Joint, Robot, Tendon, Wrap, input_units, levels, poses
+from softdyn.description.robot import (
+    Joint,
+    Robot,
+    Tendon,
+    Wrap,
+    input_units,
+    levels,
+    moving_bodies,
+    moving_link_of,
+    poses,
+)
 from softdyn.description.task_mark import TaskMark
 from softdyn.description.visuals import BoxShape, CylinderShape, Mesh, SphereShape, Visual, visuals
 from softdyn.dynamics.model import SoftModel
@@ -148,8 +158,7 @@ class Figure:
             For a shape with an invalid number.
         """
         shapes, problems = visuals(model.robot)
-        if not shapes:
-            shapes = tuple(_sticks(model.robot))
+        shapes += tuple(_sticks(model.robot, shapes))
         shapes += tuple(_round_bodies(model.robot))
         return cls(model, shapes, tuple(_cables(model, shapes)), problems, marks=marks)
 
@@ -425,10 +434,19 @@ def _round_bodies(robot: Robot) -> Iterator[Visual]:
             yield Visual(wrap.link, _pose(axes, np.array(wrap.xyz)), shape, rgba)
 
 
-def _sticks(robot: Robot) -> Iterator[Visual]:
-    """A cylinder from every link's origin to each of its joints, and a ball at each joint."""
-    size = max(robot.length, 1e-3)
+def _sticks(robot: Robot, shapes: Sequence[Visual]) -> Iterator[Visual]:
+    """A cylinder from a link's origin to each of its joints, and a ball at each joint.
+
+    If the robot has shapes, these stand for the bodies with a mass and without a shape.
+    """
+    size, carrier = max(robot.length, 1e-3), moving_link_of(robot)
+    seen = {carrier[shape.link] for shape in shapes}
+    if seen:
+        seen |= {link for link, body in moving_bodies(robot).items() if not body.mass}
+        seen.add(robot.root)
     for joint in robot.joints:
+        if carrier[joint.parent] in seen:
+            continue
         end = joint.origin.translation
         length = float(np.linalg.norm(end))
         if length > 0:

@@ -8,7 +8,7 @@ import sys
 from softdyn.commands import cli
 
 PROGRAMS = (
-    "fuzz", "robots", "pairs", "planted", "textbook", "reproduce", "certify",
+    "fuzz", "robots", "pairs", "public_files", "planted", "textbook", "reproduce", "certify",
     "closed_forms", "peer", "field", "identification.second_opinion", "twins",
     "step_time", "hostile", "throughput", "observer_time", "loop_time", "live_time",
     "compare_steps", "scaling", "rig_faults",

@@ -313,3 +313,13 @@ def test_a_chamber_is_a_tube_at_its_place_beside_the_cables() -> None:
     assert [(one["unit"], one["factor"]) for one in inputs] == [("kPa", 1e-3)] * 2
     rest = statics.settle(model, np.array([5e4, 0.0]))
     assert rest.y[0] < -0.01
+
+
+def test_a_body_without_a_shape_gets_a_stand_in(tmp_path):
+    shape = '<visual><geometry><box size="0.1 0.1 0.1"/></geometry></visual>'
+    text = STICKS.format(i=INERTIAL, mimic="")
+    path = tmp_path / "one.urdf"
+    for link, bare in (("a", {"b", "tip"}), ("b", {"a", "b"})):
+        path.write_text(text.replace(f'<link name="{link}">', f'<link name="{link}">{shape}'))
+        shapes = Figure.of(softdyn.load(path)).shapes
+        assert {one.link for one in shapes if not isinstance(one.shape, BoxShape)} == bare

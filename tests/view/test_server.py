@@ -11,16 +11,19 @@ import socket
 import subprocess
 import sys
 import threading
+import urllib.error
 import urllib.request
 
 import numpy as np
 import psutil
 import pytest
+from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 import softdyn
+from softdyn import InputError
 from softdyn.view.live.channel import Channel
-from softdyn.view.loopback import listener
+from softdyn.view.loopback import listener, read_origin
 from softdyn.view.page import Page
 from tests.support import PATIENCE, ROOT
 from tests.support.command import of_itself
@@ -76,6 +79,48 @@ def test_a_taken_port_is_one_line(monkeypatch, capsys):
     assert re.fullmatch(
         r"error: --port: expected a free port, got \d+: .+\n", capsys.readouterr().err
     )
+
+
+def test_a_proxy_of_the_named_origin_passes_and_no_other():
+    host, origin = "lab.example", "https://lab.example"
+    for wrong in (
+        "lab.example",
+        "ftp://lab.example",
+        f"{origin}/path",
+        "https://a@lab.example",
+        "",
+    ):
+        with pytest.raises(InputError):
+            read_origin(wrong)
+
+    def code(url: str, **headers: str) -> int:
+        try:
+            request = urllib.request.Request(url, headers=headers)
+            return urllib.request.urlopen(request).status
+        except urllib.error.HTTPError as error:
+            return error.code
+
+    with Channel("page", origin=f"{origin}/") as channel:
+        live = channel.url.replace("/?", "/live?")
+        assert code(channel.url, Host=host) == 200
+        assert code(channel.url) == 200
+        assert code(channel.url, Host="other.example") == 403
+        assert code(channel.url.partition("token=")[0], Host=host) == 403
+
+        async def answer(**headers: str) -> int:
+            request = HTTPRequest(live.replace("http", "ws", 1), headers=headers)
+            try:
+                (await websocket_connect(request)).close()
+            except HTTPClientError as error:
+                return error.code
+            return 101
+
+        assert asyncio.run(answer(Host=host, Origin=origin)) == 101
+        assert asyncio.run(answer(Origin=origin)) == 101  # a proxy that replaces the Host
+        for other in ("http://lab.example", "https://other.example", "null"):
+            assert asyncio.run(answer(Host=host, Origin=other)) == 403
+    with Channel("page") as channel:
+        assert code(channel.url, Host=host) == 403
 
 
 def test_two_pages_find_different_ports():

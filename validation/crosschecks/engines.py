@@ -56,7 +56,7 @@ def engine_errors(
     -------
     dict[str, float]
         Errors of ``M``, ``bias``, ``g``, for MuJoCo also of ``J``, relative to the largest entry of
-        each or of M. Empty for a URDF with mimic joints, because Pinocchio's model has no
+        each or of M. Empty for a URDF with mimic joints or balls, because Pinocchio has other
         coordinates for them.
 
     Raises
@@ -66,7 +66,8 @@ def engine_errors(
     """
     side = Side.of(source)
     robot = side.neutral
-    if robot.format == "urdf" and robot.couplings:
+    balls = any(part.kind == "ball" for part in robot.parts)
+    if robot.format == "urdf" and (robot.couplings or balls):
         return {}
     states = random_states(robot, samples, seed)
     if side.is_mjcf:

@@ -24,6 +24,9 @@ from softdyn.validation.twin.settings import disabled
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin, check_warnings
 
+FLAGS = mujoco.mjtDisableBit
+SWITCHED_OFF = int(FLAGS.mjDSBL_GRAVITY | FLAGS.mjDSBL_SPRING | FLAGS.mjDSBL_DAMPER)
+
 
 class MujocoTerms:
     """A twin stripped to its smooth dynamics: no limits, contacts, friction, input clamp or servos.
@@ -64,7 +67,9 @@ class MujocoTerms:
         if not drives:
             as_forces(self._model, np.flatnonzero(driven))
         self._data = mujoco.MjData(self._model)
+        # a file may switch off gravity, springs or dampers; these stay off
         off = disabled(limits=False, contacts=False, friction=False)
+        off |= int(self._model.opt.disableflags) & SWITCHED_OFF
         off |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
         self._model.opt.disableflags = off
         self._model.opt.enableflags = int(mujoco.mjtEnableBit.mjENBL_ENERGY)

@@ -27,7 +27,7 @@ HELD, ROOM = 0.95, 0.9  # pace of a period that is held; share of the time that 
 LONG = 5e-3  # s; if messages take longer, the clock starts anew
 
 
-def open_play_page(session: Session, port: int | None = None) -> Channel:
+def open_play_page(session: Session, port: int | None = None, origin: str | None = None) -> Channel:
     """Serve the page of a session until the channel is closed.
 
     Parameters
@@ -36,12 +36,14 @@ def open_play_page(session: Session, port: int | None = None) -> Channel:
         The session that will run.
     port : int, optional
         By default a free one from 7000 on.
+    origin : str, optional
+        As of `Channel`.
     """
     model = session.model
     return open_live_page(
         figure_of(session), "play", title=model.bundled or model.name,
         limits=session.limits, port=port, period=session.period, pull=session.pull,
-        estimates=session.estimates,
+        estimates=session.estimates, origin=origin,
     )  # fmt: skip
 
 

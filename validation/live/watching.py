@@ -55,7 +55,10 @@ class ViewerCost:
 
 
 def open_watch_page(
-    loop: ClosedLoop, port: int | None = None, scenery: Sequence[Visual] = ()
+    loop: ClosedLoop,
+    port: int | None = None,
+    scenery: Sequence[Visual] = (),
+    origin: str | None = None,
 ) -> Channel:
     """Serve the page of a loop before it runs; its pages only watch.
 
@@ -67,6 +70,8 @@ def open_watch_page(
         By default a free one from 7000 on.
     scenery : Sequence of Visual
         The shapes around the robot, in the world.
+    origin : str, optional
+        As of `Channel`.
     """
     model, experiment = loop.model, loop.experiment
     on_ellipse = experiment and (experiment.theta, experiment.omega) != (None, None)
@@ -77,6 +82,7 @@ def open_watch_page(
         title += f", in {loop.plant.settings['plant']}"
     return open_live_page(
         figure.with_scenery(loop.surroundings, scenery), "watch", title=title, port=port,
+        origin=origin,
         period=loop.grid.period, path=setups.ellipse_points(model) if on_ellipse else None,
     )  # fmt: skip
 

@@ -123,7 +123,9 @@ def to_urdf(
             balls.append(_ball(source, part, own, lost))
             continue
         joints.append(joint if part.kind in welded else _moving(joint, source, part, lost))
-    for label, frame in (apart | source.cable_sites | source.frames).items():
+    # a site may have the name of a body
+    frames = (*apart.items(), *source.cable_sites.items(), *source.frames.items())
+    for label, frame in frames:
         if frame.part in link_of:
             child = names.new(label)
             links.append(Link(child))

@@ -27,7 +27,7 @@ import softdyn
 from softdyn.exceptions import InputError, SoftdynError
 from softdyn.view.live.messages import LONGEST, Limits, Message
 from softdyn.view.live.recording import Recording
-from softdyn.view.loopback import HOST, listener
+from softdyn.view.loopback import HOST, listener, read_origin
 
 FRAME, STATE, ERROR = b"F", b"S", b"E"  # kinds of datagrams
 DATAGRAM = 1 << 18  # bytes, more than any datagram has
@@ -49,6 +49,8 @@ class Channel(AbstractContextManager):
         The robot of a page with messages, for recordings and reachable points.
     port : int, optional
         Port of the page; by default a free one from 7000 on.
+    origin : str, optional
+        The origin of a proxy on this machine whose pages may connect, too: ``https://host``.
 
     Attributes
     ----------
@@ -60,7 +62,7 @@ class Channel(AbstractContextManager):
     Raises
     ------
     InputError
-        If the port is taken or the server does not start.
+        If the port is taken, the server does not start or the origin is none.
     """
 
     def __init__(
@@ -69,7 +71,9 @@ class Channel(AbstractContextManager):
         limits: Limits | None = None,
         recording: Recording | None = None,
         port: int | None = None,
+        origin: str | None = None,
     ) -> None:
+        origin = None if origin is None else read_origin(origin)
         self.dropped = 0
         self._late: dict[bytes, bytes] = {}
         token = secrets.token_urlsafe(16)
@@ -87,7 +91,7 @@ class Channel(AbstractContextManager):
         )  # fmt: skip
         theirs.close()
         listening.close()
-        given = (page, token, limits, recording or Recording())
+        given = (page, token, limits, recording or Recording(), origin)
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         with suppress(BrokenPipeError):  # the server died: its answer below says so

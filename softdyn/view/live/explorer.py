@@ -117,11 +117,13 @@ def _along(here: Equilibrium, u: np.ndarray) -> Equilibrium | None:
     return found
 
 
-def open_explorer_page(model: SoftModel, port: int | None = None) -> Channel:
-    """Serve the page of an explorer until the channel is closed."""
+def open_explorer_page(
+    model: SoftModel, port: int | None = None, origin: str | None = None
+) -> Channel:
+    """Serve the page of an explorer until the channel is closed; `origin` as of `Channel`."""
     figure, title = Figure.with_stated_tasks(model), model.bundled or model.name
     limits = Limits.of(model, (), figure.size)
-    return open_live_page(figure, "explore", title=title, limits=limits, port=port)
+    return open_live_page(figure, "explore", title=title, limits=limits, port=port, origin=origin)
 
 
 def explore(model: SoftModel, channel: Channel, over: Callable[[], bool] = lambda: False) -> None:

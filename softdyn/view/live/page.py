@@ -18,7 +18,7 @@ from softdyn.view.scene import TENSION, Figure
 def open_live_page(
     figure: Figure, mode: str, *, title: str, limits: Limits | None = None,
     port: int | None = None, period: float = 0.0, pull: float = 1.0,
-    path: np.ndarray | None = None, estimates: bool = False,
+    path: np.ndarray | None = None, estimates: bool = False, origin: str | None = None,
 ) -> Channel:  # fmt: skip
     """Serve the page of a live robot until the channel is closed.
 
@@ -42,6 +42,8 @@ def open_live_page(
         The reference's path.
     estimates : bool
         Whether the ghost is an observer's estimate, and not the model beside the plant.
+    origin : str, optional
+        As of `Channel`.
 
     Raises
     ------
@@ -71,4 +73,4 @@ def open_live_page(
     style = asset("style.css") + own("live.css")
     page = scene_page(own("live.html"), style, "\n</script>\n<script>\n".join(parts), scene)
     recording = Recording(pickle.dumps(figure), columns.replayed, title)
-    return Channel(page, limits, recording, port)
+    return Channel(page, limits, recording, port, origin)

@@ -2,7 +2,8 @@
 
 It is a separate program (``python -m softdyn.view.live.server``), which `channel.Channel` starts.
 Everything is on loopback. A request needs the token of the page's address; its Host header must
-name this machine, and an Origin header, if sent, must be our page. Each page has an outbox and the
+name this machine, and an Origin header, if sent, must be our page. A user may name one other
+origin, that of a proxy on this machine. Each page has an outbox and the
 loop has an inbox, so a slow page loses frames but delays no one.
 """
 
@@ -50,8 +51,9 @@ class Hub:
 
     def __init__(
         self, loop: socket.socket, page: str, token: str, limits: Limits | None,
-        recording: Recording,
+        recording: Recording, origin: str | None,
     ) -> None:  # fmt: skip
+        self.origin = origin
         self.page, self.token = page.encode(), token
         self.limits, self.recording = limits, recording
         self.pages: list[PageSocket] = []
@@ -202,7 +204,7 @@ class Checked(tornado.web.RequestHandler):
     def prepare(self) -> None:
         """Refuse a request from another machine or without the token."""
         token = self.get_query_argument("token", "")
-        if not is_local(self.request) or not hmac.compare_digest(
+        if not is_local(self.request, self.hub.origin) or not hmac.compare_digest(
             token.encode(), self.hub.token.encode()
         ):
             raise tornado.web.HTTPError(403)
@@ -235,7 +237,9 @@ class PageSocket(tornado.websocket.WebSocketHandler, Checked):
     """The websocket of an open page."""
 
     def check_origin(self, origin: str) -> bool:
-        """True for a request from the page that is served here."""
+        """True for a request from the page that is served here, also through the named proxy."""
+        if self.hub.origin is not None and origin.lower() == self.hub.origin:
+            return True
         return urlsplit(origin).netloc == self.request.headers.get("Host")
 
     def open(self, *_arguments: str) -> None:

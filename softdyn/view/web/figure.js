@@ -588,8 +588,9 @@ function openViewer(pane) {
 
 // The websocket to the server of this page; `frame` gets rows of numbers, `news` gets objects.
 function openLink(frame, news) {
-  const scheme = location.protocol == "https:" ? "wss" : "ws";
-  const link = new WebSocket(`${scheme}://${location.host}/live${location.search}`);
+  const address = new URL("live" + location.search, location.href);  // a proxy may add a path
+  address.protocol = location.protocol == "https:" ? "wss:" : "ws:";
+  const link = new WebSocket(address);
   link.binaryType = "arraybuffer";
   link.onmessage = ({data}) => {
     if (typeof data == "string") news(JSON.parse(data)); else frame(new Float32Array(data));

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn.validation import compare
+from softdyn.validation import compare, crosscheck
 from softdyn.validation.mjcf import export
+from softdyn.validation.mjcf.scene import Scene
 
 # Several joints in one body, each in a place of its own, with ref and springref; a cable on sites.
 MULTI = """<mujoco model="multi">
@@ -135,3 +136,21 @@ def test_a_turned_site_makes_the_files_differ(tmp_path):
     assert [(cause.kind, cause.where) for cause in found.causes] == [("frame", "tip")]
     result, _ = export.write_urdf(paths[1], tmp_path / "out.urdf")
     assert result.passed
+
+
+def test_a_site_with_the_name_of_a_body_leaves_the_body_its_name(tmp_path):
+    source = tmp_path / "robot.xml"
+    source.write_text(
+        '<mujoco><option><flag gravity="disable"/></option><worldbody>'
+        '<body name="shin" pos="0 0 1">'
+        '<joint name="j" axis="0 1 0" pos="0 0 0.1"/><inertial pos="0 0 -0.1" mass="1"'
+        ' diaginertia="1e-3 1e-3 1e-3"/><site name="shin" pos="0 0 -0.2"/></body>'
+        "</worldbody></mujoco>"
+    )
+    result, _ = export.write_urdf(source, tmp_path / "out.urdf")
+    assert result.passed, str(result)
+    model = softdyn.load(tmp_path / "out.urdf")
+    assert model.link_poses(model.q0)["shin"][2, 3] == pytest.approx(1.0)
+    # gravity that the file switches off is off in the engines, too
+    found = crosscheck(model, Scene(model, source), samples=2, trajectories=False)
+    assert found.passed, str(found)
