@@ -287,7 +287,7 @@ class Mpc(NamedLaw):
         aim = self._aim
         target = self.supervisor(reference, aim, moving, error, now, waits=self.waits)
         self.guard.values = target.phase.channel
-        return self.step(now, target)
+        return self._step(now, target)
 
     def _observe(self, state: State, step: float) -> Present:
         """The filtered state, its linear model, and what the actuation makes of it over the delay.
@@ -312,7 +312,7 @@ class Mpc(NamedLaw):
             p, speed, _ = ahead(linear, force, first, means - acting, link.delay / len(means))
         return Present(state, linear, force, first, acting, p, speed, u)
 
-    def step(self, now: Present, target: Followed) -> Command:
+    def _step(self, now: Present, target: Followed) -> Command:
         """The input for a target; V of the command is the cost that the horizon predicts.
 
         It has no memory but the filter's and the actuation's, which learn what is sent.

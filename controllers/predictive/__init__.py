@@ -11,6 +11,7 @@
 - `background`: long work in a process of its own
 - `rest_target`: equilibria as targets of shape and input
 - `buckling`: the input that buckles an arm, so that its tip can follow a path
-- `plan`: bounded commands through a fold, by iLQR
+- `plan`: bounded commands through a fold
+- `ilqr`: paths of least cost under bounded commands, for any discrete step
 - `supervisor`: what is followed, the reference, a rest or a plan, and why
 """

@@ -11,19 +11,9 @@ the share of the acting input a that actuators of lag λ keep, and ā its mean o
 
     Σ ‖y - y*‖² + speed² ‖q̇‖²_W + κ ‖a - u*‖²_diag(R) + σ ‖q - q*‖²_S / λ_S + rate ‖a⁺ - a‖²_R
 
-in the metric of `Mpc`, where the last state counts `TAIL` times more. The method is iLQR with
-bounds from states that are no motion: the shape goes straight to q*. Each iteration closes part of
-the gaps between these states and the model's steps, as in Mastalli et al., "Crocoddyl" (2020).
-Simulated from the start alone, an arm that buckles loses the target's shape.
-
-The backward pass has a quadratic cost-to-go ½ xᵀVx + sᵀx along x_{k+1} = A x_k + B c_k + d_k, where
-the path misses the model's step by the drift d_k. With V d_k in s,
-
-    Q_cc = Bᵀ V B + R,   Q_cx = Bᵀ V A + N,   Q_c = Bᵀ s + r,   c = step + gain x,
-
-where the step minimises ½ cᵀ Q_cc c + Q_cᵀ c within the bounds, and the gain -Q_cc⁻¹ Q_cx is that
-of the commands that are not at one (Tassa, Mansard and Todorov, "Control-limited differential
-dynamic programming", 2014).
+in the metric of `Mpc`, where the last state counts `TAIL` times more. The first guess goes straight
+to q*: simulated from the start alone, an arm that buckles loses the target's shape. `ilqr` has the
+search.
 """
 
 from __future__ import annotations
@@ -35,11 +25,11 @@ from itertools import product
 
 import numpy as np
 
-from softdyn import SoftModel, State
+from softdyn import SoftModel
+from softdyn.controllers.predictive.ilqr import Path, PathProblem, search_path
 from softdyn.controllers.predictive.objective import stiffness_at_rest
 from softdyn.controllers.predictive.rest_target import RestTarget
 from softdyn.controllers.predictive.stops import SpringStops
-from softdyn.controllers.qps.qp import DenseQp, QpProblem
 from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.implicit_step import ImplicitStep
 from softdyn.dynamics.motors import lag_shares
@@ -53,13 +43,6 @@ STEPS = 150
 FORM = 0.3  # σ
 HORIZON, SPEED, RATE, HOLD = 0.3, 0.05, 1e-3, 1e-3  # s, s; the weights, as `Mpc` has them
 TAIL = 50.0
-ITERATIONS = 60
-SETTLED = 1e-3  # relative decrease of the cost at which it ends
-DAMPED = 1.0  # in diag(R): a step shorter than with this is not tried
-SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried until the cost falls
-CLOSING = (0.15, 0.07)  # the same while there are gaps
-CLOSED = 1.0  # sum of the gaps below which a whole step closes them
-GAPS = 1e3  # cost of the sum of the gaps
 CLOSE = 1e-4  # rad, m: a step's error before Newton's last iteration, which leaves its square
 
 
@@ -144,24 +127,25 @@ def make_plan(
     for target, travel in product(targets, TRAVELS):
         y = model.state(target.q, np.zeros(model.nv)).y if goal is None else goal
         try:
-            problem = coast(_pose(model, (q, v, acting), target, y, lag), wait)
-            found = None if problem is None else search_path(problem, travel)
+            problem = coast(pose(model, (q, v, acting), target, y, lag), wait)
+            found = None if problem is None else search_path(problem, problem.straight(travel))
         except np.linalg.LinAlgError:
             continue
         if problem is None or found is None:
             continue
-        left = found[0].left(problem)
+        left = problem.left(found[0])
         if left < (USEFUL if best is None else best[0]):
-            best = left, _plan(problem, lag, *found)
+            best = left, problem.plan(lag, *found)
         if left < NEAR:
             break
     return None if best is None else best[1]
 
 
-def _pose(
+def pose(
     model: SoftModel, start: tuple[np.ndarray, np.ndarray, np.ndarray], target: RestTarget,
     goal: np.ndarray, lag: float,
-) -> PathProblem:  # fmt: skip
+) -> WayToRest:  # fmt: skip
+    """The problem of a way from (q, q̇, a) to an equilibrium; the tip should be at goal (3,)."""
     n, m = model.nv, model.nu
     state, S, compliance = stiffness_at_rest(model, HORIZON)
     R = compliance * state.B.T @ np.linalg.solve(S, state.B)
@@ -171,292 +155,98 @@ def _pose(
     weight[n : 2 * n, n : 2 * n] = (SPEED * HORIZON) ** 2 * compliance * S
     weight[2 * n :, 2 * n :] = HOLD * np.diag(np.diag(R))
     change = (1 - decay) ** 2 * RATE * (R + 1e-8 * np.trace(R) * np.eye(m))
-    return PathProblem(model, start, target, goal, decay, mean, weight, change)
-
-
-def _plan(problem: PathProblem, lag: float, path: Path, gains: np.ndarray) -> Plan:
-    """The plan of a path."""
-    n = problem.model.nv
-    q, v, acting = path.x[:, :n], path.x[:, n : 2 * n], path.x[:, 2 * n :]
-    return Plan(problem.target, lag, q, v, acting, path.commands, gains)
+    return WayToRest(
+        start=np.concatenate((model.coordinates(start[0]), *start[1:])),
+        aim=np.concatenate((model.coordinates(target.q), np.zeros(n), target.u)),
+        weight=weight, last=TAIL * weight, change=change, unit=np.diag(np.diag(R)),
+        lower=model.u_min, upper=model.u_max, model=model, target=target, goal=goal,
+        decay=decay, mean=mean,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
-class PathProblem:
-    """The model, its start and its target, and the weights.
+class WayToRest(PathProblem):
+    """A way to a target; its states are joint coordinates, velocities and acting inputs.
 
     Attributes
     ----------
-    start : tuple of ndarray, (nq,), (nv,), (nu,)
-        Configuration, velocity and acting input at the begin.
+    target : RestTarget
+        The equilibrium.
     goal : ndarray, (3,)
         The point (m) for the tip.
     decay, mean : float
         Shares of the first input in the acting input after a step, and in its mean over it.
-    weight : ndarray, (2 nv + nu, 2 nv + nu)
-        Of a state's distance from the target.
-    change : ndarray, (nu, nu)
-        Of a command's distance from the acting input.
     """
 
     model: SoftModel
-    start: tuple[np.ndarray, np.ndarray, np.ndarray]
     target: RestTarget
     goal: np.ndarray
     decay: float
     mean: float
-    weight: np.ndarray
-    change: np.ndarray
 
     @cached_property
-    def step(self) -> ImplicitStep:
-        """A step under the inputs that act, with springs for stops."""
+    def _implicit(self) -> ImplicitStep:
         balance = SpringStops(self.model, ForceBalance(self.model, motors=()), STEP)
         return ImplicitStep(self.model, balance, Stops.none(self.model), CLOSE)
 
-    @property
-    def aim(self) -> np.ndarray:
-        """The target's state (2 nv + nu,)."""
-        model, target = self.model, self.target
-        return np.concatenate((model.coordinates(target.q), np.zeros(model.nv), target.u))
+    def step(
+        self, x: np.ndarray, c: np.ndarray, guess: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """The state after a step with springs for stops, and its derivatives.
 
+        Newton's method begins at the velocity of `guess`; None if it does not converge.
+        """
+        model, n, m, E = self.model, self.model.nv, self.model.nu, self.decay
+        q, v, a = model.configuration(x[:n]), x[n : 2 * n], x[2 * n :]
+        input_ = self.mean * a + (1 - self.mean) * c
+        found = self._implicit(q, v, input_, np.zeros(0), STEP, guess=guess[n : 2 * n])
+        if found is None:
+            return None
+        A, B = np.zeros((2 * n + m, 2 * n + m)), np.zeros((2 * n + m, m))
+        by_u = found.by_force @ model.state(found.q, found.v).B
+        A[n : 2 * n] = np.hstack((found.by_state, self.mean * by_u))
+        B[n : 2 * n] = (1 - self.mean) * by_u
+        A[:n], B[:n] = STEP * A[n : 2 * n], STEP * B[n : 2 * n]
+        A[:n, :n] += np.eye(n)
+        A[2 * n :, 2 * n :], B[2 * n :] = E * np.eye(m), (1 - E) * np.eye(m)
+        return np.concatenate((model.coordinates(found.q), found.v, E * a + (1 - E) * c)), A, B
 
-@dataclass(frozen=True, eq=False)
-class Path:
-    """A path of N steps, linearised.
+    def output(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The tip's error (3,) and its Jacobian (3, nv)."""
+        n = self.model.nv
+        state = self.model.state(self.model.configuration(x[:n]), x[n : 2 * n])
+        return state.y - self.goal, state.J
 
-    Attributes
-    ----------
-    cost, gaps : float
-        The objective (m²), and the sum of |drift|.
-    x : ndarray, (N + 1, 2 nv + nu)
-        States: joint coordinates, velocities, acting inputs.
-    commands : ndarray, (N, nu)
-    A, B, J, error, away, gap, drift
-        See `backward`.
-    """
+    def straight(self, travel: float) -> np.ndarray:
+        """States (N, 2 nv + nu) on the straight line to the target, there after a time (s)."""
+        n, way = self.model.nv, self.aim - self.start
+        t = np.minimum(STEP * np.arange(1, STEPS + 1) / travel, 1.0)[:, None]
+        states: np.ndarray = self.start + t * t * (3 - 2 * t) * way
+        states[:, n : 2 * n] = 6 * t * (1 - t) / travel * way[:n]
+        return states
 
-    cost: float
-    gaps: float
-    x: np.ndarray
-    commands: np.ndarray
-    A: np.ndarray
-    B: np.ndarray
-    J: np.ndarray
-    error: np.ndarray
-    away: np.ndarray
-    gap: np.ndarray
-    drift: np.ndarray
-
-    @property
-    def merit(self) -> float:
-        """The cost, with that of the gaps."""
-        return self.cost + GAPS * self.gaps
-
-    def left(self, problem: PathProblem) -> float:
-        """Share of ‖q - q*‖²_S of the begin that is left at the end."""
-        n = problem.model.nv
-        first, last = (self.x[0] - problem.aim)[:n], self.away[-1][:n]
-        form = problem.weight[:n, :n]
+    def left(self, path: Path) -> float:
+        """Share of ‖q - q*‖²_S of the begin that is left at the end of a path."""
+        n = self.model.nv
+        first, last = (path.x[0] - self.aim)[:n], path.away[-1][:n]
+        form = self.weight[:n, :n]
         return float(last @ form @ last) / max(float(first @ form @ first), 1e-300)
 
+    def plan(self, lag: float, path: Path, gains: np.ndarray) -> Plan:
+        """The plan of a path, for actuators of that lag (s)."""
+        n = self.model.nv
+        q, v, acting = path.x[:, :n], path.x[:, n : 2 * n], path.x[:, 2 * n :]
+        return Plan(self.target, lag, q, v, acting, path.commands, gains)
 
-def coast(problem: PathProblem, duration: float) -> PathProblem | None:
+
+def coast(problem: WayToRest, duration: float) -> WayToRest | None:
     """The problem some time (s) later, if the acting input stays; None if that has no solution."""
-    q, v, a = problem.start
+    x = problem.start
+    c = x[2 * problem.model.nv :]
     for _ in range(round(duration / STEP)):
-        solved = _step(problem, q, v, a, v)
+        solved = problem.step(x, c, x)
         if solved is None:
             return None
-        q, v = solved[0].q, solved[0].v
-    return replace(problem, start=(q, v, a))
-
-
-def search_path(problem: PathProblem, travel: float) -> tuple[Path, np.ndarray] | None:
-    """A path of least cost, and its gains (N, nu, 2 nv + nu); None if none could be simulated.
-
-    Parameters
-    ----------
-    problem : PathProblem
-    travel : float
-        Time (s) in which the first guess moves the shape to the target's.
-    """
-    guess = _straight(problem, travel)
-    n, m = problem.model.nv, problem.model.nu
-    scale = problem.weight[2 * n :, 2 * n :]
-    path = _simulate(problem, guess[:, 2 * n :], states=guess)
-    if path is None:
-        return None
-    damping = 1e-6
-    for _ in range(ITERATIONS):
-        steps, gains = _backward(problem, path, damping * scale / HOLD)
-        shares = SHARES if path.gaps == 0 else CLOSING if path.gaps > CLOSED else SHARES[:1]
-        tried = (_simulate(problem, path.commands, path, share, steps, gains) for share in shares)
-        after = next((one for one in tried if one and one.merit < path.merit), None)
-        if after is None:
-            damping *= 10
-            if damping > DAMPED:
-                break
-            continue
-        gain, path, damping = path.merit - after.merit, after, max(damping / 5, 1e-9)
-        if path.gaps == 0 and gain < SETTLED * path.cost:
-            break
-    if path.gaps > 0:
-        return None
-    return path, _backward(problem, path, np.zeros((m, m)))[1]
-
-
-def _straight(problem: PathProblem, travel: float) -> np.ndarray:
-    """States (N, 2 nv + nu) on the straight line to the target."""
-    model, n = problem.model, problem.model.nv
-    q, _, a = problem.start
-    t = np.minimum(STEP * np.arange(1, STEPS + 1) / travel, 1.0)[:, None]
-    share, rate = t * t * (3 - 2 * t), 6 * t * (1 - t) / travel
-    first = np.concatenate((model.coordinates(q), np.zeros(n), a))
-    states: np.ndarray = first + share * (problem.aim - first)
-    states[:, n : 2 * n] = rate * (problem.aim - first)[:n]
-    return states
-
-
-def _backward(problem: PathProblem, path: Path, extra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    model = problem.model
-    lower, upper = model.u_min - path.commands, model.u_max - path.commands
-    steps, gains = backward(
-        path.A, path.B, path.J, path.error, path.away, path.gap, path.drift, problem.weight,
-        TAIL * problem.weight, problem.change, extra, lower, upper,
-    )  # fmt: skip
-    return steps, gains
-
-
-def _simulate(
-    problem: PathProblem, commands: np.ndarray, near: Path | None = None, share: float = 1.0,
-    steps: np.ndarray | None = None, gains: np.ndarray | None = None,
-    states: np.ndarray | None = None,
-) -> Path | None:  # fmt: skip
-    """The path under commands, with feedback to a near path, or through the given states.
-
-    It keeps the rest of the near path's gaps. None where a step has no solution, or where it costs
-    more than the near path.
-    """
-    model, n, aim = problem.model, problem.model.nv, problem.aim
-    (q, v, a), cost, gaps = problem.start, 0.0, 0.0
-    rows: list[tuple[np.ndarray, ...]] = []
-    x = np.concatenate((model.coordinates(q), v, a))
-    for k, command in enumerate(commands):
-        c, guess, drift = command, v, np.zeros_like(x)
-        if near is not None and steps is not None and gains is not None:
-            off = x - near.x[k]
-            c = np.clip(c + share * steps[k] + gains[k] @ off, model.u_min, model.u_max)
-            drift = (1 - share) * near.drift[k]
-            moved = near.A[k] @ off + near.B[k] @ (c - near.commands[k])
-            guess = (near.x[k + 1] + near.drift[k] + moved)[n : 2 * n]
-        c = np.clip(c, model.u_min, model.u_max)
-        solved = _step(problem, q, v, problem.mean * a + (1 - problem.mean) * c, guess)
-        if solved is None:
-            return None
-        state, A, B = solved
-        after = problem.decay * a + (1 - problem.decay) * c
-        end = np.concatenate((model.coordinates(state.q), state.v, after))
-        if states is not None:
-            drift = end - states[k]
-        if drift.any():
-            end = end - drift
-            state = model.state(model.configuration(end[:n]), end[n : 2 * n])
-        error, away, gap = state.y - problem.goal, end - aim, c - a
-        cost += error @ error + away @ problem.weight @ away + gap @ problem.change @ gap
-        gaps += float(np.abs(drift).sum())
-        if not cost + GAPS * gaps < (np.inf if near is None else near.merit):
-            return None
-        rows.append((x, c, A, B, state.J, error, away, gap, drift))
-        q, v, a, x = state.q, end[n : 2 * n], end[2 * n :], end
-    cost += TAIL * (away @ problem.weight @ away)
-    first, *columns = (np.array(column) for column in zip(*rows, strict=True))
-    return Path(float(cost), gaps, np.vstack((first, x)), *columns)
-
-
-def _step(
-    problem: PathProblem, q: np.ndarray, v: np.ndarray, mean: np.ndarray, guess: np.ndarray
-) -> tuple[State, np.ndarray, np.ndarray] | None:
-    """The state after a step under a mean input, and its derivatives by (q, q̇, a) and c.
-
-    Newton's method from a guess of the velocity after it; None if it does not converge.
-    """
-    model, n, m = problem.model, problem.model.nv, problem.model.nu
-    found = problem.step(q, v, mean, np.zeros(0), STEP, guess=guess)
-    if found is None:
-        return None
-    state = model.state(found.q, found.v)
-    A, B = np.zeros((2 * n + m, 2 * n + m)), np.zeros((2 * n + m, m))
-    by_u = found.by_force @ state.B
-    A[n : 2 * n] = np.hstack((found.by_state, problem.mean * by_u))
-    B[n : 2 * n] = (1 - problem.mean) * by_u
-    A[:n], B[:n] = STEP * A[n : 2 * n], STEP * B[n : 2 * n]
-    A[:n, :n] += np.eye(n)
-    A[2 * n :, 2 * n :], B[2 * n :] = problem.decay * np.eye(m), (1 - problem.decay) * np.eye(m)
-    return state, A, B
-
-
-def backward(
-    A: np.ndarray, B: np.ndarray, J: np.ndarray, error: np.ndarray, away: np.ndarray,
-    gap: np.ndarray, drift: np.ndarray, weight: np.ndarray, last: np.ndarray, change: np.ndarray,
-    extra: np.ndarray, lower: np.ndarray, upper: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Steps (N, m) and gains (N, m, nx) of the commands.
-
-    The cost is the sum over the steps of ‖error + J x‖² + (away + x)ᵀ weight (away + x) after each,
-    and of (gap + c - a)ᵀ change (gap + c - a) with the acting input a.
-
-    Parameters
-    ----------
-    A, B : ndarray, (N, nx, nx), (N, nx, m)
-        The linearised steps; a state ends with the acting input (m,).
-    J, error : ndarray, (N, 3, n), (N, 3)
-        The tip's Jacobian and error after each step.
-    away : ndarray, (N, nx)
-        The state after each step minus the target's.
-    gap : ndarray, (N, m)
-        The path's command minus its acting input at the begin of each step.
-    drift : ndarray, (N, nx)
-        The model's step minus the path's.
-    weight, last : ndarray, (nx, nx)
-        The weights of a state, and what is added for the last one.
-    change : ndarray, (m, m)
-        The weight of the command minus the acting input.
-    extra : ndarray, (m, m)
-        What is added to Q_cc, so that a step stays small.
-    lower, upper : ndarray, (N, m)
-        The bounds minus the path's commands.
-
-    Raises
-    ------
-    LinAlgError
-        If a step has no minimum.
-    """
-    count, nx, m = B.shape
-    n, acting = J.shape[2], nx - m
-    steps, gains, qp = np.zeros((count, m)), np.zeros((count, m, nx)), DenseQp(m, m)
-    V, s = last.copy(), last @ away[count - 1]
-    for k in range(count - 1, -1, -1):
-        V += weight
-        V[:n, :n] += J[k].T @ J[k]
-        s += weight @ away[k]
-        s[:n] += J[k].T @ error[k]
-        s += V @ drift[k]
-        VB, pull = V @ B[k], change @ gap[k]
-        Qcc, Qcx, Qc = B[k].T @ VB + change, VB.T @ A[k], B[k].T @ s + pull
-        Qxx, Qx = A[k].T @ (V @ A[k]), A[k].T @ s
-        Qcx[:, acting:] -= change
-        Qxx[acting:, acting:] += change
-        Qx[acting:] -= pull
-        found = qp.solve(QpProblem(Qcc + extra, Qc, np.eye(m), lower[k], upper[k]))
-        if found is None or not found.solved:
-            raise np.linalg.LinAlgError("a step has no minimum")
-        step = np.clip(found.x, lower[k], upper[k])
-        index = np.flatnonzero(found.multipliers == 0)
-        gains[k, index] = -np.linalg.solve((Qcc + extra)[np.ix_(index, index)], Qcx[index])
-        K = gains[k]
-        V = Qxx + K.T @ (Qcc @ K) + K.T @ Qcx + Qcx.T @ K
-        V = 0.5 * (V + V.T)
-        s = Qx + K.T @ (Qcc @ step + Qc) + Qcx.T @ step
-        steps[k] = step
-    return steps, gains
+        x = solved[0]
+        x[2 * problem.model.nv :] = c
+    return replace(problem, start=x)

@@ -7,12 +7,10 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from softdyn import SoftModel
+from softdyn.controllers.predictive import ilqr
 from softdyn.controllers.predictive import plan as planning
-from softdyn.controllers.predictive.plan import (
-    _pose,
-    backward,
-    make_plan,
-)
+from softdyn.controllers.predictive.ilqr import backward, search_path
+from softdyn.controllers.predictive.plan import make_plan, pose
 from softdyn.controllers.predictive.rest_target import RestTarget
 from tests.support import cart
 
@@ -25,7 +23,7 @@ TARGET = RestTarget(np.array([0.1]), np.array([cart.STIFFNESS * 0.1]), True, 0.0
 def slide(tmp_path, monkeypatch) -> SoftModel:
     """A cart on a spring: its dynamics are linear, so that one pass is exact."""
     monkeypatch.setattr(planning, "STEPS", 30)
-    monkeypatch.setattr(planning, "SETTLED", 1e-12)
+    monkeypatch.setattr(ilqr, "SETTLED", 1e-12)
     monkeypatch.setattr(planning, "USEFUL", np.inf)  # the way is short, and so is the time
     text = cart.CART.format(damping=cart.DAMPING, stiffness=cart.STIFFNESS, lower=-1.0, upper=1.5)
     return cart.load(tmp_path, text)
@@ -124,8 +122,8 @@ def test_the_gains_are_those_of_the_dense_solution() -> None:
 
 
 def test_the_first_guess_leads_past_a_shape_that_the_simulation_would_not_reach(slide) -> None:
-    problem = _pose(slide, (np.array([-0.4]), np.zeros(1), np.zeros(1)), TARGET, GOAL, 0.0)
-    found = planning.search_path(problem, 0.2)
+    problem = pose(slide, (np.array([-0.4]), np.zeros(1), np.zeros(1)), TARGET, GOAL, 0.0)
+    found = search_path(problem, problem.straight(0.2))
     assert found is not None
     path, _ = found
     assert path.gaps == 0.0
@@ -139,25 +137,25 @@ def test_the_first_guess_leads_past_a_shape_that_the_simulation_would_not_reach(
 
 def test_a_coasting_robot_moves_under_the_input_that_acts(slide) -> None:
     start = np.array([0.05]), np.array([0.0]), np.array([0.3])
-    problem = _pose(slide, start, TARGET, GOAL, 0.0)
+    problem = pose(slide, start, TARGET, GOAL, 0.0)
     after = planning.coast(problem, 3.0)
     assert after is not None
     q, v, a = after.start
-    assert q[0] == pytest.approx(0.3 / cart.STIFFNESS, abs=0.1 * 0.05)
-    assert a == start[2]
-    assert abs(v[0]) < 0.01
+    assert q == pytest.approx(0.3 / cart.STIFFNESS, abs=0.1 * 0.05)
+    assert a == start[2][0]
+    assert abs(v) < 0.01
 
 
 def test_a_step_beyond_a_stop_is_that_of_a_stiff_spring(slide) -> None:
     q, v, force, T = np.array([9.02]), np.array([3.0]), np.array([0.4]), planning.STEP
-    problem = _pose(slide, (q, v, force), TARGET, GOAL, 0.0)
-    found = planning._step(problem, q, v, force, v)
+    problem = pose(slide, (q, v, force), TARGET, GOAL, 0.0)
+    found = problem.step(problem.start, force, problem.start)
     assert found is not None
     stop = 1e4 * cart.MASS / T**2
     matrix = cart.MASS + T * cart.DAMPING + T**2 * (cart.STIFFNESS + stop)
     right = cart.MASS * v - T * (cart.STIFFNESS * q + stop * (q - slide.upper) - force)
-    state, A, B = found
-    np.testing.assert_allclose(state.v, right / matrix, rtol=1e-6)
+    x, A, B = found
+    np.testing.assert_allclose(x[1], right / matrix, rtol=1e-6)
     by = np.array([-T * (cart.STIFFNESS + stop), cart.MASS]) / matrix
     np.testing.assert_allclose(A[1, :2], by, rtol=1e-9)
     np.testing.assert_allclose(B[1], T / matrix, rtol=1e-9)
