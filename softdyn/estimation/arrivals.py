@@ -263,12 +263,13 @@ class LateReadings:
 
     def forget(self, P: np.ndarray) -> np.ndarray:
         """The covariance (s, s) without those that are done."""
-        if not any(one.done for one in self._waiting):
+        left = [one for one in self._waiting if not one.done]
+        if len(left) == len(self._waiting):
             return P
         keep = np.ones(len(P), np.bool_)
         for one, rows in self._rows():
             keep[rows] = not one.done
-        self._waiting = [one for one in self._waiting if not one.done]
+        self._waiting = left
         return submatrix(P, keep)
 
     def _rows(self) -> Iterator[tuple[LateReading, slice]]:

@@ -95,12 +95,14 @@ def update(P, rows, errors, variances, change, gate):
     """
     nis, used, odd, excess, known, width = 0.0, 0, 0, 0.0, 0.0, rows.shape[1]
     # Python's numbers: one operation on a number of NumPy takes three times as long
+    # views of the whole, which change with it; P.T is in the order of memory that BLAS expects
+    wide, before, turned = P[:, :width], change[:width], P.T
     plain = zip(rows, errors.tolist(), variances.tolist(), strict=True)
     for k, (row, error, noise) in enumerate(plain):
         if not math.isfinite(error):
             continue
-        spread = P[:, :width] @ row
-        error -= float(row @ change[:width])
+        spread = wide @ row
+        error -= float(row @ before)
         predicted = float(row @ spread[:width])
         variance = noise + predicted
         if error * error > gate * gate * variance:
@@ -115,9 +117,8 @@ def update(P, rows, errors, variances, change, gate):
         gain = spread / variance
         change += gain * error
         rest = spread - variance * gain
-        # in place: P.T is in the order of memory that BLAS expects
-        dger(-1.0, spread, gain, a=P.T, overwrite_a=1)
-        dger(-1.0, gain, rest, a=P.T, overwrite_a=1)
+        dger(-1.0, spread, gain, a=turned, overwrite_a=1)
+        dger(-1.0, gain, rest, a=turned, overwrite_a=1)
     return nis, used, odd, excess, known
 
 

@@ -221,7 +221,7 @@ class Ekf(KeepsMaking, Separate):
         if clock in (StepTime.FIRST, StepTime.SET_BACK):
             begin = t if clock is StepTime.FIRST else t - LONGEST_GAP
             timeline.begin(begin, self._filter.state, self._filter.inputs)
-        if clock is StepTime.FIRST:
+        if clock is StepTime.FIRST:  # nothing was sent before
             pass
         elif math.isfinite(commands.dot(commands)):
             timeline.send(t, commands, sent)
