@@ -7,6 +7,8 @@
 
 - `ekf`, `parameters`: the extended Kalman filter, and the deviations that it assumes;
 - `estimate`: what it returns, and what an observer of a closed loop is;
+- `timeline`, `filter`: commands and readings in the order of their times; the estimate and its
+  covariance, which they change;
 - `covariance`, `drift`: prediction and updates of the covariance, corrections that end within the
   joint limits, disturbances that change;
 - `arrivals`: rates and latencies of sensors, late readings, readings of a poorly known state;

@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,6 +39,28 @@ MATCH = 2e-6  # s, between the own times of a reading and of its prediction
 LEAST = 1e-6  # m, rad, …: noise below this is taken as this
 MOST_ROWS = 150  # late readings that wait, of all channels
 SHARP = 30.0  # times its own variance; a reading that is known as well as this is as good as linear
+
+
+class Prediction(NamedTuple):
+    """Predicted readings of one channel.
+
+    Attributes
+    ----------
+    values : ndarray, (k,)
+        The readings.
+    rows : ndarray, (k, w)
+        Their Jacobian by the first w errors of the filter.
+    change : ndarray, (k,)
+        The known error, the shift of `second_order`, and for readings of a time before now the
+        corrections of their errors since: to be subtracted from the error.
+    variance : ndarray, (k,)
+        See `second_order`.
+    """
+
+    values: np.ndarray
+    rows: np.ndarray
+    change: np.ndarray
+    variance: np.ndarray
 
 
 @dataclass(eq=False)
@@ -103,17 +125,16 @@ class SensorChannel:
     def expect(
         self, q: np.ndarray, v: np.ndarray, u: np.ndarray, P: np.ndarray,
         winches: Winches | None = None,
-    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:  # fmt: skip
-        """The readings with their Jacobian at (q, v, u), their known errors and variances.
+    ) -> Prediction:  # fmt: skip
+        """The readings at (q, v, u), with the nonlinear parts of `second_order` for P (s, s).
 
-        They have the nonlinear parts of `second_order` for P (s, s). With `winches` u are their
-        commands.
+        With `winches` u are their commands. The next call overwrites the arrays.
         """
-        predicted = self.sensors.predict(q, v, u, winches)
-        if self.linear or sharp(predicted[1], P, self.variance):
-            return predicted, self.bias, self.variance
+        values, rows = self.sensors.predict(q, v, u, winches)
+        if self.linear or sharp(rows, P, self.variance):
+            return Prediction(values, rows, self.bias, self.variance)
         shift, variance = second_order(self.sensors, (q, v, u, winches), P, self.variance)
-        return predicted, self.bias + shift, variance
+        return Prediction(values, rows, self.bias + shift, variance)
 
     def errors(self, predicted: np.ndarray, given: np.ndarray) -> np.ndarray:
         """Readings (k,) minus their prediction, NaN where a reading is NaN.
@@ -163,7 +184,7 @@ class SensorChannel:
 
 @dataclass(eq=False)
 class LateReading:
-    """A predicted reading that waits for its arrival.
+    """A prediction of readings that waits for their arrival.
 
     Attributes
     ----------
@@ -171,49 +192,50 @@ class LateReading:
         Its sensors.
     time : float
         Its own time (s).
-    predicted : ndarray, (k,)
-        The prediction at that time.
-    change : ndarray, (k,)
-        The known error, the shift of `second_order`, and the corrections of its
-        errors since: to be subtracted from the error.
-    variance : ndarray, (k,)
-        See `second_order`.
+    values, change, variance : ndarray, (k,)
+        Those of `Prediction`.
+    done : bool
+        Whether it has arrived, or never will.
     """
 
     channel: SensorChannel
     time: float
-    predicted: np.ndarray
+    values: np.ndarray
     change: np.ndarray
     variance: np.ndarray
+    done: bool = False
 
 
 class LateReadings:
-    """The late readings that wait, and their rows among the errors.
+    """The late readings that wait, those of a channel in the order of their times.
+
+    Their predictions are the last errors of the filter.
 
     Parameters
     ----------
     first : int
-        The first of these rows.
+        The first of these errors.
     """
 
     def __init__(self, first: int) -> None:
         self._first = first
         self._waiting: list[LateReading] = []
-        self._done: list[LateReading] = []
 
-    def clear(self) -> None:
-        """Forget all."""
-        self._waiting, self._done = [], []
+    def add(self, channel: SensorChannel, own: float, found: Prediction) -> None:
+        """Another one, with its own time (s)."""
+        values, change = found.values.copy(), found.change.copy()
+        self._waiting.append(LateReading(channel, own, values, change, found.variance))
 
-    def add(self, late: LateReading) -> None:
-        """Another one; its rows are the last."""
-        self._waiting.append(late)
+    def expire(self, channel: SensorChannel, time: float) -> None:
+        """Readings of this channel from before a time (s) are done."""
+        for one in self._waiting:
+            one.done |= one.channel is channel and one.time < time
 
     def arrive(self, channel: SensorChannel, own: float) -> LateReading | None:
         """The reading of this channel and own time (s); it and older ones are done."""
-        done = [one for one in self._waiting if one.channel is channel and one.time < own + MATCH]
-        self._done += done
-        return next((one for one in done if abs(one.time - own) <= MATCH), None)
+        self.expire(channel, own + MATCH)
+        mine = (one for one in self._waiting if one.channel is channel)
+        return next((one for one in mine if abs(one.time - own) <= MATCH), None)
 
     def around(
         self, channel: SensorChannel, own: float
@@ -223,21 +245,16 @@ class LateReadings:
         Those older than the first of the two are done.
         """
         mine = [one for one in self._waiting if one.channel is channel]
-        before = max((one for one in mine if one.time <= own), key=_time, default=None)
-        after = min((one for one in mine if one.time > own), key=_time, default=None)
+        before = next((one for one in reversed(mine) if one.time <= own), None)
         if before is not None:
             self.expire(channel, before.time)
-        return before, after
+        return before, next((one for one in mine if one.time > own), None)
 
-    def expire(self, channel: SensorChannel, time: float) -> None:
-        """Readings of this channel from before a time (s) are done."""
-        old = (one for one in self._waiting if one.channel is channel and one.time < time)
-        self._done += [one for one in old if one not in self._done]
-
-    def row_of(self, late: LateReading, size: int) -> np.ndarray:
-        """The Jacobian (k, size) of a late reading by the errors."""
+    def prediction(self, late: LateReading, size: int) -> Prediction:
+        """The prediction of a late reading, with its rows (k, size)."""
         first = next(rows.start for one, rows in self._rows() if one is late)
-        return np.eye(len(late.change), size, first)
+        rows = np.eye(len(late.change), size, first)
+        return Prediction(late.values, rows, late.change, late.variance)
 
     def correct(self, change: np.ndarray) -> None:
         """Add the corrections of the errors (s,)."""
@@ -245,24 +262,20 @@ class LateReadings:
             one.change += change[rows]
 
     def forget(self, P: np.ndarray) -> np.ndarray:
-        """The covariance (s, s) without those that have arrived, or never will."""
-        if not self._done:
+        """The covariance (s, s) without those that are done."""
+        left = [one for one in self._waiting if not one.done]
+        if len(left) == len(self._waiting):
             return P
         keep = np.ones(len(P), np.bool_)
         for one, rows in self._rows():
-            keep[rows] = one not in self._done
-        self._waiting = [one for one in self._waiting if one not in self._done]
-        self._done = []
+            keep[rows] = not one.done
+        self._waiting = left
         return submatrix(P, keep)
 
     def _rows(self) -> Iterator[tuple[LateReading, slice]]:
         first = self._first
         for one in self._waiting:
             yield one, slice(first, first := first + len(one.change))
-
-
-def _time(late: LateReading) -> float:
-    return late.time
 
 
 def sensor_channels(model: SoftModel, sensors: tuple[Sensor, ...]) -> list[SensorChannel]:

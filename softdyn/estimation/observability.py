@@ -36,7 +36,6 @@ from softdyn.statics import Equilibrium
 WRONG = 0.2  # rad, and share of a slide's range: the start is as wrong in every joint
 WITHIN = 3.0  # deviations of the tip; an error that stays within them is forgotten
 SEEN = 0.25  # of the variance that the model alone leaves
-STEP = 1e-5  # rad, m, of the displacement of links
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,14 +238,8 @@ def _wrong(model: SoftModel, q: np.ndarray) -> np.ndarray:
 
 def _link_errors(model: SoftModel, q: np.ndarray, P: np.ndarray) -> dict[str, float]:
     """Expected error (m) of each link's origin under the covariance P (nv, nv) of q."""
-    columns = []
-    for axis in np.eye(model.nv):
-        ends = [model.link_poses(model.integrate(q, sign * STEP * axis)) for sign in (1, -1)]
-        columns.append({
-            name: (ends[0][name][:3, 3] - ends[1][name][:3, 3]) / (2 * STEP) for name in ends[0]
-        })  # fmt: skip
     found = {}
     for link in model.robot.links:
-        J = np.stack([column[link.name] for column in columns], axis=1)
+        J = model.link_jacobian(q, link.name)[:3]
         found[link.name] = float(np.sqrt(max(np.trace(J @ P @ J.T), 0.0)))
     return found

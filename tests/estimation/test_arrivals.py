@@ -87,8 +87,8 @@ def test_late_readings_that_wait_are_bounded(model, rate, latency):
     waiting, most = {}, 0
     for k in range(700):
         ekf.step(1e-3 * k, np.zeros(5), np.zeros(2))
-        waiting |= dict.fromkeys(late.time for late in ekf._late._waiting)
-        most = max(most, len(ekf._P))
+        waiting |= dict.fromkeys(late.time for late in ekf._filter.late._waiting)
+        most = max(most, len(ekf._filter.P))
     assert most <= 8 + MOST_ROWS + 3
     apart = np.diff(list(waiting))
     assert apart == pytest.approx(latency / (MOST_ROWS // 3), abs=1.1e-3)

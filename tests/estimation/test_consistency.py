@@ -26,14 +26,16 @@ def last_of(model, seed, stop):
         model, sensors(model), start=(begin, np.zeros(n)),
         parameters=EkfParameters(spread=0.03, process=0.05, least_process=0.05),
     )  # fmt: skip
-    drawn = rng.normal(size=2 * n) * np.sqrt(ekf._first)
+    drawn = rng.normal(size=2 * n) * np.sqrt(ekf._filtered.first)
     q, v = np.clip(begin + drawn[:n], model.lower, model.upper), drawn[n:]
     held, truth = np.zeros(n, int), Sensors(model, sensors(model))
     noise = np.concatenate([np.sqrt(channel.variance) for channel in ekf._channels])
     for k in range(STEPS):
         if k:
-            found = ekf._step(q, v, U, np.zeros(0), PERIOD, held)
-            kick = found.by_force @ (rng.normal(size=n) * np.sqrt(ekf._force_noise / PERIOD))
+            found = ekf._filtered.step(q, v, U, np.zeros(0), PERIOD, held)
+            kick = found.by_force @ (
+                rng.normal(size=n) * np.sqrt(ekf._filtered.force_noise / PERIOD)
+            )
             q = np.clip(found.q + PERIOD * kick, model.lower, model.upper)
             v, held = found.v + kick, found.held
         state = model.state(q, v)

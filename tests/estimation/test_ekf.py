@@ -121,8 +121,8 @@ def test_dense_reference_and_batch_smoother(tip):
         model, sensors(model, rate=RATE, latency=LATE), ("tip_force",) if tip else (),
         parameters=EkfParameters(spread=2e-3, process=1e-3, tip_force=1e-3, longest=1.0),
     )  # fmt: skip
-    P = np.diag(np.concatenate((ekf._first, ekf._drift.variances)))
-    reference = Reference(model, P, ekf._force_noise, tip)
+    P = np.diag(np.concatenate((ekf._filtered.first, ekf._filtered.drift.variances)))
+    reference = Reference(model, P, ekf._filtered.force_noise, tip)
     truth = reference.mean[0] + rng.normal(size=len(P)) * np.sqrt(np.diag(P))
     at, samples, block_of, arrived = 0.0, {}, {}, -1
     u, compared = np.zeros(2), 0
@@ -156,10 +156,10 @@ def test_dense_reference_and_batch_smoother(tip):
         mean, cov = reference.mean[-1], reference.P[-size:, -size:]
         assert np.abs(estimate.q - mean[:n]).max() < 1e-6 * np.abs(mean[:n]).max() + 1e-9
         assert np.abs(estimate.v - mean[n : 2 * n]).max() <= 1e-6 * np.abs(mean[n : 2 * n]).max()
-        assert np.abs(ekf._P[:size, :size] - cov).max() < 1e-6 * np.abs(cov).max()
+        assert np.abs(ekf._filter.P[:size, :size] - cov).max() < 1e-6 * np.abs(cov).max()
         # small variances too, each in its own scale
         scale = np.sqrt(np.outer(np.diag(cov), np.diag(cov)))
-        assert np.abs((ekf._P[:size, :size] - cov) / scale).max() < 1e-5
+        assert np.abs((ekf._filter.P[:size, :size] - cov) / scale).max() < 1e-5
         assert nis == pytest.approx(estimate.nis, rel=1e-5)
         assert estimate.used == 2 + 3 * (len(parts) - 1)
         compared += estimate.used
@@ -173,14 +173,14 @@ def test_dense_reference_and_batch_smoother(tip):
 
 def simulated(model, ekf, steps, rng, start, u):
     """Truth and estimates with the filter's own process noise in the plant."""
-    chosen, n = ekf._step, model.nv
+    chosen, n = ekf._filtered.step, model.nv
     q, v = model.integrate(model.q0, start[:n]), start[n:]
     held, truth = np.zeros(n, int), Sensors(model, sensors(model))
     state = model.state(q, v)
     for k in range(steps):
         if k:
             found = chosen(q, v, u, np.zeros(0), PERIOD, held)
-            push = rng.normal(size=n) * np.sqrt(ekf._force_noise / PERIOD)
+            push = rng.normal(size=n) * np.sqrt(ekf._filtered.force_noise / PERIOD)
             kick = found.by_force @ push
             q, v, held = model.integrate(found.q, PERIOD * kick), found.v + kick, found.held
             state = model.state(q, v)
@@ -197,7 +197,7 @@ def test_consistency_on_the_finger():
     for seed in range(runs):
         rng = np.random.default_rng(seed)
         ekf = Ekf(model, sensors(model), parameters=given)
-        start = rng.normal(size=8) * np.sqrt(ekf._first)
+        start = rng.normal(size=8) * np.sqrt(ekf._filtered.first)
         for state, estimate in simulated(model, ekf, steps, rng, start, np.array([0.3, -0.2])):
             last = nees(estimate, state)
             nis, used = nis + estimate.nis, used + estimate.used
@@ -218,7 +218,7 @@ def test_steady_force_is_found():
     held = np.zeros(4, int)
     rng = np.random.default_rng(0)
     for k in range(600):
-        step = truth._step(q, v, u, force, PERIOD, held)
+        step = truth._filtered.step(q, v, u, force, PERIOD, held)
         q, v, held = step.q, step.v, step.held
         state = model.state(q, v)
         z = np.concatenate((state.lengths[:2], state.y))
@@ -390,14 +390,14 @@ def test_a_lost_filter_begins_anew():
     ekf = Ekf(model, sensors(model))
     z = np.concatenate((model.tendon_lengths(model.q0)[:2], model.state(model.q0, [0] * 4).y))
     ekf.step(0.0, z, np.zeros(2))
-    ekf._v = np.full(4, np.nan)
+    ekf._filter.v[:] = np.nan
     estimate = ekf.step(0.005, z, np.zeros(2))
     assert ekf.counts.restarts == 1
     assert np.allclose(estimate.q, model.q0)
     deviations = np.sqrt(np.diag(estimate.covariance))
     assert np.allclose(deviations[:4], ekf.parameters.lost * (model.upper - model.lower).clip(0, 1))
     unknown = Ekf(model, sensors(model), parameters=EkfParameters(spread=ekf.parameters.lost))
-    assert np.allclose(deviations, np.sqrt(unknown._first))
+    assert np.allclose(deviations, np.sqrt(unknown._filtered.first))
     assert ekf.step(0.01, z, np.zeros(2)).used == 5
 
 
@@ -449,7 +449,7 @@ def test_memory_of_a_step():
     for k in range(60):
         ekf.step(k * PERIOD, z, u)
         if k % 20 == 19:
-            before.append(len(ekf._P))
+            before.append(len(ekf._filter.P))
     assert before[1] == before[2]  # late readings that wait
     tracemalloc.start()
     try:

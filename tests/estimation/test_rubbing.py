@@ -64,7 +64,7 @@ def test_a_stuck_cable_is_no_force_at_the_tip(direction):
     runs = [estimated(model, q, seed) for seed in range(3)]
     assert all(contains(found) for _, found in runs)
     for ekf, found in runs:
-        known = np.sqrt(np.diag(ekf._P)[8:11])
+        known = np.sqrt(np.diag(ekf._filter.P)[8:11])
         assert (np.abs(found.disturbances["tip_force"]) > 1.96 * known).any()
         assert np.diag(ekf.covariance_of("tip_force")) == pytest.approx(
             found.deviations["tip_force"] ** 2
@@ -86,5 +86,5 @@ def test_the_stated_error_is_that_which_the_filter_makes():
 def test_nothing_is_added_where_no_cable_rubs():
     model = arm(0.0)
     ekf, found = estimated(model, settle(model, U).q, 0)
-    assert found.deviations["tip_force"] == pytest.approx(np.sqrt(np.diag(ekf._P)[8:11]))
+    assert found.deviations["tip_force"] == pytest.approx(np.sqrt(np.diag(ekf._filter.P)[8:11]))
     assert contains(found)

@@ -68,7 +68,7 @@ class Uses:
 
     def estimate(self, ekf: Any) -> list[Any]:
         """The next nine estimates."""
-        begin = np.nan_to_num(ekf._time, nan=0.0)
+        begin = np.nan_to_num(ekf._timeline.time, nan=0.0)
         rows = self.readings + 1e-3 * np.arange(9)[:, None]
         return [ekf.step(begin + 0.005 * (k + 1), row, k * PUSH) for k, row in enumerate(rows)]
 
