@@ -303,8 +303,9 @@ def _frames(a: Neutral, b: Neutral) -> Iterator[Finding]:
                 printed=share(gap, a.extent(k)),
             )  # fmt: skip
     theirs = {plain_name(name): (name, frame) for name, frame in b.frames.items()}
+    theirs |= {name: (name, frame) for name, frame in b.frames.items()}
     for name, frame in a.frames.items():
-        label, found = theirs.get(plain_name(name), ("", frame))
+        label, found = theirs.get(name) or theirs.get(plain_name(name), ("", frame))
         gap = float(np.linalg.norm(frame.pose.translation - found.pose.translation))
         fixed = found.part == frame.part and not (frame.of_joint or found.of_joint)
         if fixed and (angle := _turned(frame.pose, found.pose)):
