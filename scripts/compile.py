@@ -46,6 +46,7 @@ def _warm(robot: str, name: str) -> None:
     from softdyn.controllers import SoftIdClfQp, allocate
     from softdyn.controllers.registry import LAWS, make_controller
     from softdyn.controllers.safety_filter import with_barriers
+    from softdyn.dynamics.projection import underlying_tree
     from softdyn.estimation import Ekf
     from softdyn.safety import KeepOutBox, Surroundings
 
@@ -62,6 +63,7 @@ def _warm(robot: str, name: str) -> None:
         rubs = "friction" in LAWS[name].options
         make_controller(name, model, {"friction": 0.1} if rubs else None)
         return
+    model.tendons.arm_rates(np.zeros(model.nv), *underlying_tree(model)[0].kinematics(model.q0))
     observer = Ekf(model, sensors_of(model, "lengths=0.001,tip=0.001@100+0.015"))
     for k in range(5):  # a late reading arrives, and the wrong ones move joints to their stops
         observer.step(0.01 * k, np.full(observer.components, 0.1), np.zeros(model.nu))

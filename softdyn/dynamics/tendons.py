@@ -47,6 +47,7 @@ import numpy as np
 from softdyn.compiled import compiled, compiled_or
 from softdyn.description.robot import Tendon
 from softdyn.dynamics.wrapped_paths import PlacedPaths, WrappedPaths, compile_wraps
+from softdyn.exceptions import InputError
 
 TINY = 2.2250738585072014e-308  # avoids 0/0: a segment of length zero gets the direction zero
 
@@ -466,12 +467,20 @@ def compile_tendons(
         (link, xyz) → (body index, offset (3,) in the body's frame).
     moves : ndarray of bool, (nv, bodies)
         Whether a degree of freedom moves a body.
+
+    Raises
+    ------
+    InputError
+        For the armature of a tendon around a round body.
     """
     nt, nv = len(tendons), len(moves)
     coefficients, offset = np.zeros((nt, nv)), np.zeros(nt)
     bodies: list[tuple[int, int, int]] = []
     offsets: list[tuple[float, ...]] = []
     for t, tendon in enumerate(tendons):
+        if tendon.armature and tendon.wraps:
+            expected = f"no armature of tendon {tendon.name!r} around a round body"
+            raise InputError("armature", expected, tendon.armature)
         for term in tendon.terms:
             coefficients[t, dof[term.joint]] = term.coef
         points = (anchor(site.link, np.array(site.xyz)) for site in tendon.sites)

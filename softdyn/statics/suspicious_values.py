@@ -264,9 +264,8 @@ def _springs(robot: Robot) -> Iterator[str]:
         )
     for tendon in robot.tendons:
         pulled = any(actuator.tendon == tendon.name for actuator in robot.actuators)
-        own = tendon.stiffness, tendon.damping, *tendon.stiffness_poly, *tendon.damping_poly
-        own += (tendon.armature,)
-        if not pulled and not any(own):
+        springs_of = tendon.stiffness, tendon.damping, *tendon.stiffness_poly, *tendon.damping_poly
+        if not pulled and not any(springs_of) and not tendon.armature:
             yield f"tendon {tendon.name!r} does nothing: no actuator, no stiffness, no damping"
     damped = {_first(joint) for joint in robot.moving_joints if joint.damping > 0}
     for joint in robot.moving_joints:

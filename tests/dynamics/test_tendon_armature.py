@@ -22,6 +22,7 @@ from softdyn.validation import Twin, compare, crosscheck
 from softdyn.validation.crosschecks.engines import side_by_side
 from softdyn.validation.twin.rig import Rig
 from tests.proof.crosschecks.random_robots import random_urdf
+from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support.command import command
 from tests.support.micro import GRIPPER
 
@@ -148,6 +149,10 @@ def test_what_cannot_be_is_refused_by_name() -> None:
         design.CableMotor(("a",), CommandKind.LENGTH, stiffness=900.0, armature=0.1)
     with pytest.raises(InputError, match="'cable_1' has an armature"):
         Rig(command="length", stiffness=900.0).robot(MODELS["spirob"]().robot)
+    robot = wrapped_robot(7)
+    tendons = tuple(replace(tendon, armature=0.1) for tendon in robot.tendons)
+    with pytest.raises(InputError, match="round body"):
+        build(replace(robot, tendons=tendons))
     apart = Twin(MODELS["branches"]())
     with pytest.raises(InputError, match="tendon"):
         apart.advance(np.zeros(apart.nu))

@@ -1,8 +1,7 @@
 """Dynamics of the neutral form at many states at once, in NumPy: M, bias, g, J, lengths.
 
-A tendon's armature a adds a Jᵀ J to M and a Jᵀ J̇ q̇ to the bias, where J is that of its length. As
-in MuJoCo, M has no entry for two joints on different branches. Compensated weight is in neither
-bias nor g.
+A tendon's armature a adds a Jᵀ J to M and a Jᵀ J̇ q̇ to the bias, where J is that of its length.
+Compensated weight is in neither bias nor g.
 
 The algorithms are recursive Newton-Euler and composite rigid bodies (Featherstone, Rigid Body
 Dynamics Algorithms, chapters 5 and 6). Spatial vectors (angular, linear) are at the world's origin
@@ -126,8 +125,7 @@ def evaluate(robot: Neutral, states: States) -> Terms:
         arms[:, k], rate = _tendon_row(robot, move, tendon)
         row = arms[:, k]
         if tendon.armature:  # none wraps a shape, as MuJoCo refuses that
-            added = tendon.armature * row[:, :, None] * row[:, None, :]
-            M += np.where(carried | carried.T, added, 0.0)
+            M += tendon.armature * row[:, :, None] * row[:, None, :]
             bias += tendon.armature * rate[:, None] * row
     tips, J = _tips(robot, placed, S, owner)
     ways = lengths(robot, states)

@@ -2,7 +2,8 @@
 
 A neutral form is rebuilt for MuJoCo as the twin is: its compiler sees a placeholder mass for every
 body, and the exact masses and moments are written afterwards. So MuJoCo refuses no form for its
-inertias. Compensated weight is in neither bias nor g.
+inertias. Compensated weight is in neither bias nor g. M is completed where a tendon's armature
+couples branches, which MuJoCo leaves out (`softdyn.validation.twin.rotors`).
 """
 
 from __future__ import annotations
