@@ -290,8 +290,13 @@ class Race:
         return TrajectoryRun(name, scheme.name, step, sum(holds[:reach]) * step, error, why)
 
     def ladder(self, scheme: Scheme) -> StepLadder:
-        """Halve the step; the limit is MuJoCo's Runge–Kutta at an eighth of the finest step."""
+        """Halve the step; the limit is MuJoCo's Runge–Kutta at an eighth of the finest step.
+
+        Springs that stiffen on the way may need a shorter step than the rates at the start say.
+        """
         coarse = min(4e-3, 0.3 / max(self.rates.damping, self.rates.motion))
+        while self.model.curved and self._diverges(scheme, coarse):
+            coarse /= 2
         rest, finest = [np.zeros(self.model.nu)], 2 ** (RUNGS - 1)
         steps = [RUNG_STEPS * 8 * finest]
         limit = next(self._theirs(RK4, coarse / (8 * finest), rest, steps))
@@ -303,6 +308,14 @@ class Race:
             apart, off = (distance(ours, other, self.circular) for other in (theirs, limit))
             rungs.append(Rung(step, apart, off, None))
         return StepLadder(scheme.name, scheme.order, RUNG_STEPS * coarse, _with_orders(rungs))
+
+    def _diverges(self, scheme: Scheme, step: float) -> bool:
+        """Whether MuJoCo's free motion over the first rung is not finite at this step."""
+        try:
+            next(self._theirs(scheme, step, [np.zeros(self.model.nu)], [RUNG_STEPS]))
+        except SimulationError:
+            return True
+        return False
 
     def _ours(
         self, scheme: Scheme, step: float, inputs: Sequence[np.ndarray], holds: Sequence[int]
