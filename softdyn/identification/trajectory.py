@@ -128,6 +128,14 @@ class CreepingStage(NamedTuple):
         return z, dz
 
 
+def creeping_springs(
+    model: SoftModel, unknowns: Sequence[Parameter], count: int
+) -> CreepingSprings | None:
+    """The branches of a model with the unknowns' values, and derivatives by all P = `count`."""
+    kinds = ((one.kind.name, one.weights) for one in unknowns)
+    return CreepingSprings.of(model, kinds, count)
+
+
 class Driven(NamedTuple):
     """Joints (h,) whose motion is known: a spline (h,) over time (s)."""
 
@@ -194,7 +202,7 @@ def follow(
     if driven:
         q[joints], v[joints] = driven.at(t[:1])[0, :2]
     rub, balance = friction_of(model), ForceBalance(model, motors=())
-    creep = CreepingSprings.of(model, unknowns, count)
+    creep = creeping_springs(model, unknowns, count)
     torques = None
     if creep is not None:
         zero = np.zeros(len(creep.branches.time)), np.zeros_like(creep.time_by)

@@ -12,9 +12,9 @@ from softdyn import identification
 from softdyn.dynamics.mimic import build
 from softdyn.identification import trajectory
 from softdyn.identification.parameters import apply_values
-from softdyn.identification.trajectory import Start, follow
+from softdyn.identification.trajectory import Start, creeping_springs, follow
 from softdyn.identification.unknowns.kinds import Around
-from softdyn.identification.unknowns.relaxation import CreepingSprings, shares
+from softdyn.identification.unknowns.relaxation import shares
 from tests.dynamics.test_relaxation import one_joint
 from tests.proof.identification.decays import UNKNOWNS, decay, fitted
 
@@ -44,7 +44,7 @@ def test_the_derivatives_of_a_motion_with_branches(finger, monkeypatch) -> None:
 
     def path(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         changed = apply_values(finger, several, at)
-        creep = CreepingSprings.of(changed, several, len(at))
+        creep = creeping_springs(changed, several, len(at))
         none = np.zeros((4, len(at)))
         start = Start(np.zeros(4), np.zeros(4), none, none, creep.along(t, measured))
         return follow(changed, several, t, u, start, around=Around(finger))

@@ -7,18 +7,14 @@ keeps its shares.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softdyn.description.robot import Joint, Robot
 from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.relaxation import Branches
-
-if TYPE_CHECKING:
-    from softdyn.identification.parameters import Parameter
 
 SHARE, TIME = "relaxation_share", "relaxation_time"
 MOST = 0.99  # sum of a joint's shares; a fit on its way may ask for more
@@ -108,9 +104,18 @@ class CreepingSprings:
 
     @classmethod
     def of(
-        cls, model: SoftModel, unknowns: Sequence[Parameter], count: int
+        cls, model: SoftModel, unknowns: Iterable[tuple[str, np.ndarray]], count: int
     ) -> CreepingSprings | None:
-        """Those of the model with the unknowns' values; None if its springs do not creep."""
+        """Those of the model with the unknowns' values; None if its springs do not creep.
+
+        Parameters
+        ----------
+        model : SoftModel
+        unknowns : iterable of (str, ndarray)
+            Kind and weights (members,) of the first unknowns.
+        count : int
+            P.
+        """
         branches = Branches.of(model)
         k, size = branches.stiffness, len(branches.names)
         if not size:
@@ -121,13 +126,13 @@ class CreepingSprings:
         share = k * left / spring
         by_share = (spring / left)[:, None] * (np.eye(size) + same * (share / left)[:, None])
         by_k, by_time = np.zeros((2, size, count))
-        for p, one in enumerate(unknowns):
-            if one.kind.name == SHARE:
-                by_k[:, p] = by_share @ one.weights
-            elif one.kind.name == TIME:
-                by_time[:, p] = one.weights
-            elif one.kind.name == "stiffness":
-                by_k[:, p] = k / spring * (branches.rates @ one.weights)
+        for p, (kind, weights) in enumerate(unknowns):
+            if kind == SHARE:
+                by_k[:, p] = by_share @ weights
+            elif kind == TIME:
+                by_time[:, p] = weights
+            elif kind == "stiffness":
+                by_k[:, p] = k / spring * (branches.rates @ weights)
         return cls(branches, by_k, by_time)
 
     def along(self, t: np.ndarray, path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
