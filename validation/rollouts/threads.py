@@ -25,7 +25,7 @@ def fits(twin: Twin, grid: TimeGrid) -> bool:
 
     Cables that rub on their guides have a friction that changes with their pull.
     """
-    if twin.robot.forces:  # MuJoCo cannot call them
+    if twin.robot.forces or twin.memory:  # MuJoCo cannot call them
         return False
     rubs = any(tendon.rubs for tendon in twin.robot.tendons)
     return not rubs and _bytes(twin, grid) <= MOST
