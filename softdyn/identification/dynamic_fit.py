@@ -27,7 +27,13 @@ from softdyn.identification.outputs import of_sensors
 from softdyn.identification.parameters import Parameter, apply_values
 from softdyn.identification.problem import PLAIN, Acquisition, Fit, FitProblem, Run, Simulated
 from softdyn.identification.rests import Inputs, rests
-from softdyn.identification.trajectory import Driven, Start, TrajectoryError, follow
+from softdyn.identification.trajectory import (
+    Driven,
+    Start,
+    TrajectoryError,
+    creeping_springs,
+    follow,
+)
 from softdyn.identification.unknowns.kinds import SENSOR_LATENCY, Around
 from softdyn.identification.unknowns.sensor_errors import read_late, without_repeats
 from softdyn.statics.equilibrium import StaticsError
@@ -115,6 +121,13 @@ class DynamicFit(FitProblem):
         if not slopes:
             none = np.zeros((model.nv, 0))
             start = replace(start, by_q=none, by_v=none)
+        if run[0] and self.smooth is not None:  # creep remembers the motion before
+            known = self.unknowns if start.by_q.size else ()
+            creep = creeping_springs(model, known, start.by_q.shape[1])
+            if creep is not None:
+                before = slice(0, run[0] + 1)
+                torques = creep.along(self.data.t[before], self.smooth[0, before])
+                start = replace(start, torques=torques)
         unknowns, driven = self.unknowns if start.by_q.size else (), self._driven(run)
         return follow(model, unknowns, t, u, start, driven, self.step, around, self.finer)
 

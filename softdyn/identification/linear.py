@@ -13,6 +13,7 @@ from softdyn.identification.data import Measurements
 from softdyn.identification.parameters import Parameter, columns_of, neighbours_of
 from softdyn.identification.unknowns.friction import friction_of
 from softdyn.identification.unknowns.kinds import Around, MotionSample
+from softdyn.identification.unknowns.relaxation import SHARE, TIME
 
 MOST = 2000  # samples that the first guess uses
 WINDOW = 500  # samples that choose the smoothing
@@ -70,7 +71,8 @@ def first_guess(
 
     A second pass weights each joint's equation by the inverse of its residual in the first. If a
     joint is at a stop, its equation is left out of that sample. Rest positions keep the file's
-    values, because they multiply a stiffness and the problem would not be linear.
+    values, because they multiply a stiffness and the problem would not be linear. So do Maxwell
+    branches, whose torques this balance lacks.
 
     Returns
     -------
@@ -79,7 +81,7 @@ def first_guess(
     theta = np.array([parameter.nominal for parameter in unknowns])
     linear = [
         k for k, parameter in enumerate(unknowns)
-        if parameter.kind.name != "rest" and not parameter.kind.measures
+        if parameter.kind.name not in ("rest", SHARE, TIME) and not parameter.kind.measures
     ]  # fmt: skip
     if not linear:
         return theta

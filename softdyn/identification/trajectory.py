@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ from softdyn.exceptions import SoftdynError
 from softdyn.identification.parameters import Parameter, columns_of
 from softdyn.identification.unknowns.friction import Friction, friction_of
 from softdyn.identification.unknowns.kinds import Around, MotionSample
+from softdyn.identification.unknowns.relaxation import CreepingSprings
 
 # Five stages with one diagonal entry, order 4, L-stable and stiffly accurate (Hairer and Wanner,
 # Solving Ordinary Differential Equations II, table IV.6.5), because joint damping is stiff and
@@ -43,12 +44,96 @@ class Start:
     ----------
     q, v : ndarray, (n,)
     by_q, by_v : ndarray, (n, P)
+    torques : (ndarray, ndarray), optional
+        Those of Maxwell branches (nz,), and their derivatives (nz, P); zero by default.
     """
 
     q: np.ndarray
     v: np.ndarray
     by_q: np.ndarray
     by_v: np.ndarray
+    torques: tuple[np.ndarray, np.ndarray] | None = None
+
+
+Torques = tuple[np.ndarray, np.ndarray]
+
+
+class CreepingStage(NamedTuple):
+    """The torques z of Maxwell branches in one stage, z = (z₀ + hγ k q̇) / (1 + hγ / τ).
+
+    Attributes
+    ----------
+    creep : CreepingSprings
+    begin : (ndarray, ndarray)
+        z₀ (nz,) and its derivatives (nz, P).
+    hg : float
+        hγ (s).
+    share : ndarray, (nz,)
+        1 / (1 + hγ / τ).
+    """
+
+    creep: CreepingSprings
+    begin: Torques
+    hg: float
+    share: np.ndarray
+
+    @classmethod
+    def of(
+        cls, creep: CreepingSprings, torques: Torques, before: Iterable[tuple[float, Torques]],
+        h: float, hg: float,
+    ) -> CreepingStage:  # fmt: skip
+        """The stage after those of the weights and rates `before`, in a step h from `torques`."""
+        z, dz = torques
+        for weight, (rate, by) in before:
+            z, dz = z + h * weight * rate, dz + h * weight * by
+        return cls(creep, (z, dz), hg, 1 / (1 + hg / creep.branches.time))
+
+    def _torque(self, v: np.ndarray) -> np.ndarray:
+        branches = self.creep.branches
+        moved = self.hg * branches.stiffness * (branches.rates @ v)
+        result: np.ndarray = self.share * (self.begin[0] + moved)
+        return result
+
+    def force(self, v: np.ndarray) -> np.ndarray:
+        """Joint forces (n,) at the rates v (n,), on the left-hand side."""
+        return self._torque(v) @ self.creep.branches.rates
+
+    @property
+    def slope(self) -> np.ndarray:
+        """∂force/∂v (n, n)."""
+        rates = self.creep.branches.rates
+        return (rates.T * (self.share * self.hg * self.creep.branches.stiffness)) @ rates
+
+    def _by(self, v: np.ndarray) -> np.ndarray:
+        """∂z/∂θ (nz, P) at given rates."""
+        branches, z = self.creep.branches, self._torque(v)
+        by = self.creep.stiffness_by * (branches.rates @ v)[:, None]
+        by = by + self.creep.time_by * (z / branches.time**2)[:, None]
+        result: np.ndarray = self.share[:, None] * (self.begin[1] + self.hg * by)
+        return result
+
+    def load(self, v: np.ndarray) -> np.ndarray:
+        """∂force/∂θ (n, P) at given rates."""
+        return self.creep.branches.rates.T @ self._by(v)
+
+    def reached(self, v: np.ndarray, dv: np.ndarray) -> Torques:
+        """z (nz,) and its derivatives (nz, P), with those of the rates (n, P)."""
+        branches = self.creep.branches
+        moved = (self.share * self.hg * branches.stiffness)[:, None] * (branches.rates @ dv)
+        return self._torque(v), self._by(v) + moved
+
+    def rates(self, reached: Torques) -> Torques:
+        """ż and its derivatives."""
+        z, dz = ((one - begin) / self.hg for one, begin in zip(reached, self.begin, strict=True))
+        return z, dz
+
+
+def creeping_springs(
+    model: SoftModel, unknowns: Sequence[Parameter], count: int
+) -> CreepingSprings | None:
+    """The branches of a model with the unknowns' values, and derivatives by all P = `count`."""
+    kinds = ((one.kind.name, one.weights) for one in unknowns)
+    return CreepingSprings.of(model, kinds, count)
 
 
 class Driven(NamedTuple):
@@ -79,7 +164,7 @@ def follow(
     step, or several of at most `step` seconds, under the input of its beginning. The derivatives
     are those of the discrete equations: with r(q, v, a; θ) = 0 in each stage,
     (M + hγ ∂r/∂v + h²γ² ∂r/∂q) da = -(∂r/∂q dq + ∂r/∂v dv + ∂r/∂θ). Without derivatives (P = 0) it
-    takes half the time.
+    takes half the time. The torques of Maxwell branches are part of the state.
 
     Parameters
     ----------
@@ -117,6 +202,11 @@ def follow(
     if driven:
         q[joints], v[joints] = driven.at(t[:1])[0, :2]
     rub, balance = friction_of(model), ForceBalance(model, motors=())
+    creep = creeping_springs(model, unknowns, count)
+    torques = None
+    if creep is not None:
+        zero = np.zeros(len(creep.branches.time)), np.zeros_like(creep.time_by)
+        torques = zero if start.torques is None else start.torques
     for k in range(len(t)):
         path[k], sensitivities[k] = q, dq
         if k + 1 == len(t):
@@ -127,9 +217,9 @@ def follow(
         for piece in range(pieces):
             if driven:
                 known = driven.at(t[k] + h * (piece + ends))
-            q, v, dq, dv, a = _step(
+            q, v, dq, dv, a, torques = _step(
                 (model, around or Around(model)), balance, rub, unknowns, q, v, dq, dv, a, u[k], h,
-                free, joints, known,
+                free, joints, known, creep, torques,
             )  # fmt: skip
     return path, sensitivities
 
@@ -138,8 +228,9 @@ def _step(
     models: tuple[SoftModel, Around], balance: ForceBalance, rub: Friction,
     unknowns: Sequence[Parameter], q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.ndarray,
     a: np.ndarray, u: np.ndarray, h: float, free: np.ndarray, driven: np.ndarray, known: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """One step: the state at its end, its derivatives and the last acceleration.
+    creep: CreepingSprings | None, torques: Torques | None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, Torques | None]:  # fmt: skip
+    """One step: the state at its end, its derivatives, the last acceleration and the torques.
 
     `known` (stages, 3, driven) is the motion of the driven joints.
     """
@@ -147,10 +238,15 @@ def _step(
 
     def balanced() -> tuple[BalanceTerms, np.ndarray]:
         terms = balance.trusted(model.configuration(Q), V, a, u, no_disturbance)
-        return terms, (terms.residual + rub.size * rub.signs(V))[free]
+        r = terms.residual + rub.size * rub.signs(V)
+        if stage is not None:
+            r += stage.force(V)
+        return terms, r[free]
 
     def linearised(terms: BalanceTerms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         by_q, by_v = terms.by_q, terms.by_v + rub.slope(V)
+        if stage is not None:
+            by_v = by_v + stage.slope
         return by_q, by_v, np.linalg.inv((terms.by_a + hg * by_v + hg * hg * by_q)[block])
 
     def reached() -> tuple[np.ndarray, np.ndarray]:
@@ -161,6 +257,7 @@ def _step(
 
     block, no_disturbance = np.ix_(free, free), np.zeros(0)
     slopes: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []  # V, A, dV, dA
+    flows: list[Torques] = []  # rates of the torques and of their derivatives
     for weights, moving in zip(STAGES, known, strict=True):
         hg = h * weights[-1]
         a = a.copy()
@@ -169,6 +266,9 @@ def _step(
         for weight, (V, A, dV, dA) in zip(weights[:-1], slopes, strict=True):
             q0, v0 = q0 + h * weight * V, v0 + h * weight * A
             dq0, dv0 = dq0 + h * weight * dV, dv0 + h * weight * dA
+        stage = None
+        if creep is not None and torques is not None:
+            stage = CreepingStage.of(creep, torques, zip(weights[:-1], flows, strict=True), h, hg)
         last, least, change = np.inf, np.inf, np.zeros(len(free))
         for _ in range(ITERATIONS):
             Q, V = reached()
@@ -199,8 +299,14 @@ def _step(
             state = model.state(model.configuration(Q), V)
             columns = columns_of(unknowns, MotionSample(state, a, u, around), dq.shape[1])
             load = columns + by_q @ (dq0 + hg * dv0) + by_v @ dv0
+            if stage is not None:
+                load += stage.load(V)
             dA[free] = -inverse @ load[free]
         dV = dv0 + hg * dA
         slopes.append((V, a, dV, dA))
-        end = (Q, V, dq0 + hg * dV, dV, a)
+        reached_torques = None
+        if stage is not None:
+            reached_torques = stage.reached(V, dV)
+            flows.append(stage.rates(reached_torques))
+        end = (Q, V, dq0 + hg * dV, dV, a, reached_torques)
     return end

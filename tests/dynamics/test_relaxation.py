@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from softdyn.description.urdf_writer import write
 from softdyn.dynamics.mimic import build
 from softdyn.dynamics.relaxation import Branches, without_branches
 from softdyn.statics.suspicious_values import fast_springs
-from softdyn.validation import PlantErrors, Twin, compare, crosscheck
+from softdyn.validation import PlantErrors, Twin, compare, crosscheck, rollout
 from tests.support.command import command
 from tests.support.micro import GRIPPER
 
@@ -47,7 +48,7 @@ def one_joint() -> softdyn.SoftModel:
         '<tendon name="drive"><joint name="turn" coef="1"/></tendon>'
         '<actuator name="u" tendon="drive" gear="1" lower="-9" upper="9"/></softdyn></robot>'
     )
-    return build(parse_text(text, path="one.urdf"))
+    return build(parse_text(text, path=Path("one.urdf")))
 
 
 def deflection(t: float, torque: float) -> float:
@@ -134,6 +135,15 @@ def test_rest_state_and_export_are_those_of_the_relaxed_spring(tmp_path) -> None
     assert done.err.count("its branches of relaxation") == soft.nv
 
 
+def test_a_rollout_and_the_model_as_the_plant_creep_too() -> None:
+    model = one_joint()
+    u, twin = np.full((50, 1), 1.5), Twin(model)
+    twin.advance(u[0], 200)
+    for plant in (None, "model"):
+        log = rollout(model, u, 0.1, period=2e-3, timestep=5e-4, plant=plant)
+        assert log.q[-1] == pytest.approx(twin.qpos, abs=1e-12)
+
+
 def test_followers_creep_and_a_copied_twin_has_its_own_torques() -> None:
     twin = Twin(build(creeping(parse_text(GRIPPER, path="gripper.urdf"))))
     twin.advance(np.array([1.0, 0.0, 0.0]), 200)
@@ -186,4 +196,4 @@ def test_a_prony_series_makes_the_branches_of_an_arm() -> None:
 def test_bad_branches_of_a_file_are_refused(numbers: str) -> None:
     text = write(one_joint().robot)
     with pytest.raises(UrdfError):
-        parse_text(text.replace("0.6 0.2 0.3 0.05", numbers), path="one.urdf")
+        parse_text(text.replace("0.6 0.2 0.3 0.05", numbers), path=Path("one.urdf"))

@@ -70,7 +70,12 @@ def test_the_residual_s_derivatives(robot, request):
         assert np.allclose(by_v[:, k], right, atol=1e-6 * np.abs(by_v).max())
 
 
-COLUMNS = [name for name, kind in identification.KINDS.items() if not kind.rebuilds]
+# numbers of Maxwell branches have no column: their torques are a part of the motion's state
+COLUMNS = [
+    name
+    for name, kind in identification.KINDS.items()
+    if not kind.rebuilds and not name.startswith("relaxation")
+]
 ELSEWHERE = "cable_friction", "area_growth"  # of equilibria, and of chambers
 
 

@@ -13,6 +13,7 @@ PROGRAMS = (
     "step_time", "hostile", "throughput", "observer_time", "loop_time", "live_time",
     "compare_steps", "scaling", "rig_faults",
     "rests", "poses", "scenes", "near_far", "barrier_time", "obstacle", "estimates.forces",
+    "estimates.creep", "identification.decays",
     "tables", "pictures", "gallery", "batches", "episodes", "weights",
     "wraps", "discrete_steps", "shortest_way", "pressed_arm",
 )  # fmt: skip

@@ -25,9 +25,10 @@ def fits(twin: Twin, grid: TimeGrid) -> bool:
 
     Cables that rub on their guides have a friction that changes with their pull.
     """
-    if twin.robot.forces or twin.areas is not None:  # MuJoCo cannot call them
+    robot = twin.robot
+    if robot.forces or robot.balls or twin.memory or twin.areas is not None:  # not MuJoCo's own
         return False
-    rubs = any(tendon.rubs for tendon in twin.robot.tendons)
+    rubs = any(tendon.rubs for tendon in robot.tendons)
     return not rubs and _bytes(twin, grid) <= MOST
 
 

@@ -16,9 +16,19 @@ from softdyn.dynamics.model import SoftModel, State, taut_gains
 from softdyn.dynamics.tree import tree_of
 from softdyn.identification.markers.camera import CAMERA
 from softdyn.identification.unknowns.friction import friction_of
+from softdyn.identification.unknowns.relaxation import (
+    SHARE,
+    TIME,
+    shares,
+    times,
+    with_shares,
+    with_stiffness,
+    with_times,
+)
 from softdyn.identification.unknowns.sensor_errors import READ, biases, layout_of, with_biases
 
 SHIFT = 1e-4  # of a coefficient of friction, for central differences
+SHORTEST = 1e-3  # s, of a branch's time; a shorter one is a damper
 DIFFERENCE = 1e-4  # relative shift of an unknown, where derivatives are differences
 
 
@@ -315,6 +325,22 @@ def _loss_columns(sample: MotionSample) -> np.ndarray:
     return result
 
 
+def _of_branches(
+    name: str,
+    unit: str,
+    numbers: Callable[[Robot], dict[str, float]],
+    amended: Callable[[Robot, dict[str, float]], Robot],
+    lower: float,
+) -> Kind:
+    """Numbers of Maxwell branches, whose torques are no part of r at rest; see `trajectory`."""
+    return Kind(
+        name, unit, lambda model: list(numbers(model.robot)),
+        lambda model: np.array(list(numbers(model.robot).values())),
+        lambda sample: np.zeros((len(sample.a), len(numbers(sample.state.model.robot)))),
+        amended, lower,
+    )  # fmt: skip
+
+
 CABLE_FRICTION = Kind(
     "cable_friction", "", _tendons,
     lambda model: np.array([one.friction for one in model.robot.tendons]),
@@ -346,7 +372,7 @@ KINDS = {
     kind.name: kind
     for kind in (
         Kind("stiffness", "N m/rad, N/m", _joints, lambda model: model.stiffness,
-             lambda sample: np.diag(_stretch(sample)), _in("joints", "stiffness"), from_none=True),
+             lambda sample: np.diag(_stretch(sample)), with_stiffness, from_none=True),
         Kind("damping", "N m s/rad, N s/m", _joints, lambda model: model.damping,
              lambda sample: np.diag(sample.state.v), _in("joints", "damping"), from_none=True),
         Kind("friction", "N m, N", _joints, lambda model: friction_of(model).size,
@@ -380,6 +406,8 @@ KINDS = {
              lambda model: np.array([*_force_numbers(model).values()]),
              lambda sample: np.zeros((len(sample.a), len(_force_numbers(sample.state.model)))),
              _with_force_numbers, -np.inf, rebuilds=True, from_none=True),
+        _of_branches(SHARE, "of the instantaneous stiffness", shares, with_shares, 0.0),
+        _of_branches(TIME, "s", times, with_times, SHORTEST),
         CABLE_FRICTION,
         INPUT_LOSS,
         SENSOR_BIAS,

@@ -39,7 +39,7 @@ from softdyn.validation.tables import Table
 from tests.proof import barrier_time, batches, episodes, loop_time, poses, weights
 from tests.proof.documents.reports import reports_table
 from tests.proof.documents.settings import MEASURED, changes_table, gains_table
-from tests.proof.estimates import forces
+from tests.proof.estimates import creep, forces
 from tests.proof.paper import one_step
 from tests.proof.safety import near_far, scenes
 from tests.proof.timing.step_report import machine_text
@@ -392,6 +392,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "reference-plant": _reference_plant,
     "hold": _hold,
     "statics": _statics,
+    "creep": lambda: Table.of(creep.COLUMNS, _rows("creep")).markdown(),
     "forces": lambda: Table.of(forces.COLUMNS, _rows("forces")).markdown(),
     "scenes": lambda: Table.of(scenes.COLUMNS, _rows("scenes")).markdown(),
     "near-far": lambda: Table.of(near_far.COLUMNS, _rows("near_far")).markdown(),
