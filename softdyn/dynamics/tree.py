@@ -323,8 +323,6 @@ class TreeModel(SoftModel):
         if self._forces:
             F = self.forces_at(q, v)
             kernels.joint_terms(joint_rows)[5][:] -= F
-        if self.areas is not None:  # the kernel knows constant gears alone
-            self._grow_areas(joint_rows, tip_and_lengths)
         for filled in (q, v, joint_rows, tip_and_lengths):
             filled.flags.writeable = False
         M, J, Jdot, bias, K, h, g = kernels.joint_terms(joint_rows)
@@ -332,6 +330,9 @@ class TreeModel(SoftModel):
         if self._spatial:
             arms, inputs = kernels.tendon_terms(joint_rows, len(lengths))
             B = inputs.T
+            if self.areas is not None:  # the kernel knows constant gears alone
+                B = self._input_matrix(arms, lengths)
+                B.flags.writeable = False
         if self._slackens:
             D = read_only(self._damping_matrix(arms, taut_gains(self, lengths, arms @ v)[1]))
         elif self._damped:
@@ -359,12 +360,6 @@ class TreeModel(SoftModel):
         K[:], D, *_ = self.passive_forces(coordinates, lengths, arms, v)
         h[:] = bias + D @ v + K
         return D
-
-    def _grow_areas(self, joint_rows: np.ndarray, tip_and_lengths: np.ndarray) -> None:
-        """Write B anew, with the areas of chambers that change with their stretch."""
-        lengths = kernels.tip_terms(tip_and_lengths)[2]
-        arms, inputs = kernels.tendon_terms(joint_rows, len(lengths))
-        inputs[:] = self._input_matrix(arms, lengths).T
 
     def _in_numpy(
         self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: ThreadScratch
