@@ -351,6 +351,9 @@ class TreeModel(SoftModel):
         if self._spatial:
             arms, inputs = kernels.tendon_terms(joint_rows, len(lengths))
             B = inputs.T
+            if self.areas is not None:  # the kernel knows constant gears alone
+                B = self._input_matrix(arms, lengths)
+                B.flags.writeable = False
         if self._slackens:
             D = read_only(self._damping_matrix(arms, taut_gains(self, lengths, arms @ v)[1]))
         elif self._damped:
@@ -389,12 +392,6 @@ class TreeModel(SoftModel):
         K[:], D, *_ = self.passive_forces(coordinates, lengths, arms, v)
         h[:] = bias + D @ v + K
         return D
-
-    def _grow_areas(self, joint_rows: np.ndarray, tip_and_lengths: np.ndarray) -> None:
-        """Write B anew, with the areas of chambers that change with their stretch."""
-        lengths = kernels.tip_terms(tip_and_lengths)[2]
-        arms, inputs = kernels.tendon_terms(joint_rows, len(lengths))
-        inputs[:] = self._input_matrix(arms, lengths).T
 
     def _in_numpy(
         self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: ThreadScratch
