@@ -117,7 +117,9 @@ def engines(
     for key, side in (("a", a), ("b", b)):
         report[key] = found = engine_errors(side, **options)
         words = ", ".join(f"{name} {error:.1e}" for name, error in found.items())
-        said.append(f"{key.upper()} in its own engine: {words or 'mimic joints, not compared'}")
+        said.append(
+            f"{key.upper()} in its own engine: {words or 'mimic or ball joints, not compared'}"
+        )
         if wrong := [name for name, error in found.items() if not error <= SAME]:
             failed.append(f"{key.upper()}'s engine disagrees in {', '.join(wrong)}")
     try:

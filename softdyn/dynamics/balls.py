@@ -28,6 +28,7 @@ from softdyn.checks import read_only
 from softdyn.description.robot import Robot
 
 SMALL = 1e-2  # rad: below it c(θ) is its series, whose next term is θ⁶ / 1.2e6
+FORTH, BACK = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 class BallSprings:
@@ -71,7 +72,7 @@ class BallSprings:
         torque = secant[:, None] * phi
         torque += d[..., 0] * np.einsum("bik,bi->bk", E, rates)
         # turned[b, i, j] = ∂e_i/∂q_j
-        turned = -np.cross(E[:, None], E[:, :, None]) * np.tri(3, k=-1).T[None, :, :, None]
+        turned = -_cross(E[:, None], E[:, :, None]) * np.tri(3, k=-1).T[None, :, :, None]
         # the spring's torque by the rotation: s A + (s'/θ) φ φᵀ, because φᵀ A = φᵀ
         _, k1, k2 = self._springs.T
         slope = np.divide(k1, theta, out=np.zeros_like(theta), where=theta > 0) + 2 * k2
@@ -118,17 +119,23 @@ class BallSprings:
         return ratio[:, None] * whole[:, 1:], theta, E
 
 
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross products of vectors (…, 3); a third of the time of NumPy's on small arrays."""
+    found: np.ndarray = a[..., FORTH] * b[..., BACK] - a[..., BACK] * b[..., FORTH]
+    return found
+
+
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Products of quaternions (balls, 4), the real part first."""
     real = a[:, :1] * b[:, :1] - np.sum(a[:, 1:] * b[:, 1:], axis=1, keepdims=True)
-    rest = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])
+    rest = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + _cross(a[:, 1:], b[:, 1:])
     return np.hstack((real, rest))
 
 
 def _rotated(turn: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Vectors (balls, 3) turned by quaternions (balls, 4)."""
-    across = 2 * np.cross(turn[:, 1:], vectors)
-    found: np.ndarray = vectors + turn[:, :1] * across + np.cross(turn[:, 1:], across)
+    across = 2 * _cross(turn[:, 1:], vectors)
+    found: np.ndarray = vectors + turn[:, :1] * across + _cross(turn[:, 1:], across)
     return found
 
 

@@ -6,6 +6,7 @@ of them.
 - `fuzz`, `fuzzing`: thousands of damaged files, messages and command lines;
 - `robots`, `crosschecks`: all of example-robot-data, or random robots, cross-checked;
 - `pairs`, `mjcf`: public URDFs and MJCFs of the same robots, compared;
+- `public_files`: public files exported and compared in both engines;
 - `wraps`: cables around cylinders and spheres, against MuJoCo and by differences;
 - `pressed_arm`: chambers under pressure, against published measurements of a real arm;
 - `rig_faults`: runs on a served rig that fail at random times;

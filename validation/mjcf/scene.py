@@ -108,6 +108,9 @@ class Scene(KeepsMaking, Separate):
         self.robot = robot = model.robot
         needed = model.joint_names[6:] if robot.floating else model.joint_names
         gone = [joint for joint in needed if joint not in matched]
+        if balls := [ball.name for ball in robot.balls if {*ball.joints} & {*gone}]:
+            expected = "hinges, because a plant of your own cannot have ball joints"
+            raise InputError(str(self.path), expected, ", ".join(balls))
         if gone:
             expected = f"the joints of {model.name!r}"
             raise InputError(str(self.path), expected, f"none for {', '.join(gone)}")

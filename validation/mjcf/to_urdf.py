@@ -82,6 +82,7 @@ def to_urdf(
         ``floating=True``.
     """
     lost = [f"not written: {note}" for note in source.notes]
+    source, looks = _without_objects(source, looks, lost)
     names = Names()
     links: list[Link] = []
     joints: list[Joint] = []
@@ -142,6 +143,22 @@ def to_urdf(
         comment=f" {name}, written by softdyn from {source.path.name} ",
     )  # fmt: skip
     return Converted(replace(robot, task=deepest_leaf(robot)), tuple(lost))
+
+
+def _without_objects(
+    source: Neutral, looks: Mapping[int, Sequence[str]], lost: list[str]
+) -> tuple[Neutral, Mapping[int, Sequence[str]]]:
+    """A floating robot and its shapes without the free bodies beside it: a URDF has one root."""
+    roots = source.children(WORLD)
+    free = [k for k in roots if source.parts[k].kind == "free"]
+    objects = [k for k in free if len(source.subtree(k)) == 1]
+    if not objects or len(roots) - len(objects) != 1 or len(free) != len(roots):
+        return source, looks
+    lost += [f"free body {source.parts[k].name!r} beside the robot: left out" for k in objects]
+    kept = [k for k in range(len(source.parts)) if k not in objects]
+    numbers = {k: number for number, k in enumerate(kept)} | {WORLD: WORLD}
+    shown = {numbers[k]: shapes for k, shapes in looks.items() if k in numbers}
+    return source.arranged(kept, set()), shown
 
 
 def _place(source: Neutral, k: int, point: np.ndarray) -> Vector:

@@ -141,9 +141,8 @@ def _robots(root: Path) -> Iterator[Path]:
         except etree.XMLSyntaxError:
             yield path
             continue
-        worlds = node.iterfind("worldbody") if node.tag == "mujoco" else ()
-        bodies = any(next(world.iter("body", "include"), None) is not None for world in worlds)
-        if node.tag == "robot" or bodies:
+        parts = node.iter("body", "include") if node.tag == "mujoco" else iter(())
+        if node.tag == "robot" or next(parts, None) is not None:
             yield path
 
 
@@ -175,6 +174,7 @@ def _engines(urdf: Path, side: Side, root: Path, samples: int, seed: int) -> tup
     """The largest difference between a URDF in Pinocchio and an MJCF in MuJoCo."""
     floating = any(part.kind == "free" for part in side.neutral.parts)
     model = load(urdf, floating=floating, root=root)
+    vars(side)["scene"] = side.compiled  # without contacts, whose meshes may be missing
     found = crosscheck(model, Scene(model, side), samples=samples, seed=seed, trajectories=False)
     worst = max(
         (check for check in found.checks if check.quantity not in NO_MOTION),

@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import UrdfError, design, statics
+from softdyn import InputError, UrdfError, design, statics
 from softdyn.description.urdf import parse_text
 from softdyn.description.urdf_writer import write
 from softdyn.dynamics import ForceBalance
 from softdyn.dynamics.mimic import build
 from softdyn.validation import compare, crosscheck
 from softdyn.validation.mjcf.export import write_mjcf, write_urdf
+from softdyn.validation.mjcf.scene import Scene
 from softdyn.validation.twin.twin import Twin
+from tests.support.command import command
 
 COUNT = 20
 STENCIL = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])  # of an 8th-order central difference
@@ -153,6 +155,9 @@ def test_both_engines_and_both_formats_agree(tmp_path) -> None:
     assert comparison.passed
     assert not lost
     assert compare(source, back).passed
+    assert command("compare", source, target, "--engines", "--samples", 1).code == 0
+    with pytest.raises(InputError, match="b1, b2, b3"):
+        Scene(model, source)
     assert (mujoco.MjModel.from_xml_path(str(back)).jnt_type == mujoco.mjtJoint.mjJNT_BALL).all()
 
 

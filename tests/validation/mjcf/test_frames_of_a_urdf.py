@@ -154,3 +154,18 @@ def test_a_site_with_the_name_of_a_body_leaves_the_body_its_name(tmp_path):
     # gravity that the file switches off is off in the engines, too
     found = crosscheck(model, Scene(model, source), samples=2, trajectories=False)
     assert found.passed, str(found)
+
+
+def test_a_free_body_beside_a_floating_robot_is_left_out_by_name(tmp_path):
+    source = tmp_path / "robot.xml"
+    inertial = '<inertial pos="0 0 0" mass="1" diaginertia="1e-3 1e-3 1e-3"/>'
+    source.write_text(
+        f'<mujoco><worldbody><body name="ball"><freejoint name="rolls"/>{inertial}</body>'
+        f'<body name="torso"><freejoint name="root"/>{inertial}<body name="leg" pos="0 0 -1">'
+        f'<joint name="hip" axis="0 1 0"/>{inertial}</body></body></worldbody></mujoco>'
+    )
+    result, lost = export.write_urdf(source, tmp_path / "out.urdf")
+    assert result.passed, str(result)
+    assert any("'rolls'" in line for line in lost)
+    model = softdyn.load(tmp_path / "out.urdf", floating=True)
+    assert sum(link.mass for link in model.robot.links) == 2.0
