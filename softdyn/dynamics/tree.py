@@ -339,8 +339,6 @@ class TreeModel(SoftModel):
                 self._turn_rotors(joint_rows, v)
             if self._curved:
                 D = read_only(self._bend_springs(joint_rows, tip_and_lengths, coordinates, v))
-            if self.areas is not None:  # the kernel knows constant gears alone
-                self._grow_areas(joint_rows, tip_and_lengths)
         if self._forces:
             F = self.forces_at(q, v)
             kernels.joint_terms(joint_rows)[5][:] -= F
