@@ -290,6 +290,8 @@ def test_the_documents_sweeps_are_sweeps(folder, monkeypatch):
     assert len(cases) == 2 * 2 * 4 * 2  # robots, controllers, equilibria, changes
     lags = {(parameter(c, "rig.lag"), parameter(c, "gains.lag")) for c in cases}
     assert lags == {(None, None), (0.02, 0.02)}
+    drag = (ROOT / "docs" / "forces.md").read_text().split("```python\n")[1].split("```")[0]
+    (folder / "drag.py").write_text(drag)
     blocks = (ROOT / "docs" / "sweeps.md").read_text().split("```toml\n")[1:]
     assert blocks
     for block in blocks:
