@@ -93,7 +93,8 @@ class Survey:
         """A document with the table."""
         return document(
             "# Public files",
-            f"Made by `{COMMAND}`. Each MJCF is exported as a URDF, and each URDF as an MJCF.",
+            f"Made by `{COMMAND}`, in a checkout. Each MJCF is exported as a URDF, and each "
+            "URDF as an MJCF.",
             "*exit* is the exit code of `softdyn export`: 1 means that the command names what "
             "differs. *lost* counts the properties that it lists. *worst* is the largest relative "
             "difference between the URDF in Pinocchio and the MJCF in MuJoCo at random states.",
