@@ -49,6 +49,10 @@ class EkfParameters:
         Of the rest positions, as a share of each joint's range.
     longest : float
         No step of the prediction is longer (s); at least 1e-4.
+    stops : float
+        Standard deviation of the position (rad, m) of a joint that a stop holds: stops give way,
+        and joints bounce. A joint that is known exactly there is lost if it bounces; with a large
+        deviation, readings move joints that rest at their stops.
     """
 
     spread: float = 0.01
@@ -61,6 +65,7 @@ class EkfParameters:
     stiffness: float = 0.2
     joint_offsets: float = 0.05
     longest: float = 0.01
+    stops: float = 1e-3
 
     def __post_init__(self) -> None:
         for field in fields(self):
