@@ -17,7 +17,7 @@ from softdyn.dynamics.stops import Stops
 RIDGE = 1e-12  # share of a variance; joints whose errors are one error have no inverse without it
 
 
-def predict(P, by_state, by_force, noise, held, step, moving, decay, added, turn, gained):
+def predict(P, by_state, by_force, noise, held, stops, step, moving, decay, added, turn, gained):
     """Move the covariance P (s, s) over a step, q⁺ = q + T v⁺ and d⁺ of `softdyn.estimation.drift`.
 
     Parameters
@@ -28,6 +28,8 @@ def predict(P, by_state, by_force, noise, held, step, moving, decay, added, turn
         Fields of `softdyn.dynamics.implicit_step.ImplicitStepResult`.
     noise : ndarray, (n,)
         Variances of the joint forces, each for a second.
+    stops : float
+        Variance of the position of a joint that a stop holds.
     step : float
         T (s).
     moving : ndarray of int, (nr,)
@@ -63,6 +65,7 @@ def predict(P, by_state, by_force, noise, held, step, moving, decay, added, turn
     if stopped.size:
         P[stopped] = 0.0
         P[:, stopped] = 0.0
+        P[stopped, stopped] = stops
 
 
 def update(P, rows, errors, variances, change, gate):

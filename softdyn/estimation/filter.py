@@ -57,6 +57,8 @@ class FilteredModel:
         Variances of a known start, and of the joint forces, each for a second.
     quietest : float
         `EkfParameters.quietest`.
+    stops : float
+        Variance of the position of a joint that a stop holds.
     """
 
     def __init__(
@@ -77,6 +79,7 @@ class FilteredModel:
         self.first, self.force_noise, variances = parameters.variances(model, disturbances)
         self.drift = DisturbanceDrift(model, disturbances, variances, parameters.memory)
         self.disturbed, self.quietest = len(variances), parameters.quietest
+        self.stops = parameters.stops**2
 
 
 @dataclass(eq=False)
@@ -189,7 +192,7 @@ class Filter:
             )
         noise = math.exp(self.adapted) * known.force_noise
         predict(
-            self.P, found.by_state, found.by_force, noise, found.held, step,
+            self.P, found.by_state, found.by_force, noise, found.held, known.stops, step,
             known.drift.moving, *known.drift.over(step),
         )  # fmt: skip
         self.q[:], self.v[:], self.held[:] = found.q, found.v, found.held
@@ -203,13 +206,12 @@ class Filter:
     def expect(self, channel: SensorChannel, commands: np.ndarray) -> Prediction:
         """The present answer of `SensorChannel.expect`.
 
-        Tensions and accelerations under winches change with the state, at the commands (m,) that
-        act now. The mean inputs of a step are not enough: stiff cables make much of little.
+        Tensions and accelerations are those at the commands (m,) that act now. The mean inputs of a
+        step are not enough: a motor with a lag is elsewhere at its end.
         """
-        u, winches = self.inputs, None
-        if self._filtered.winches is not None and channel.sensors.feels_inputs:
-            u, winches = commands, self._filtered.winches
-        return channel.expect(self.q, self.v, u, self.P, winches)
+        feels, winches = channel.sensors.feels_inputs, self._filtered.winches
+        u = commands if feels else self.inputs
+        return channel.expect(self.q, self.v, u, self.P, winches if feels else None)
 
     def wait(self, channel: SensorChannel, own: float, commands: np.ndarray) -> None:
         """Append the predicted readings at their own time (s), which is now, to the errors."""

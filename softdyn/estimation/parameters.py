@@ -52,6 +52,10 @@ class EkfParameters:
         Of the torques of Maxwell branches, as a share of their stiffness over the joint's range.
     longest : float
         No step of the prediction is longer (s); at least 1e-4.
+    stops : float
+        Standard deviation of the position (rad, m) of a joint that a stop holds: stops give way,
+        and joints bounce. A joint that is known exactly there is lost if it bounces; with a large
+        deviation, readings move joints that rest at their stops.
     """
 
     spread: float = 0.01
@@ -65,6 +69,7 @@ class EkfParameters:
     joint_offsets: float = 0.05
     longest: float = 0.01
     relaxation: float = 0.02
+    stops: float = 1e-3
 
     def __post_init__(self) -> None:
         for field in fields(self):
