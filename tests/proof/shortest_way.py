@@ -1,31 +1,38 @@
-"""The way of `best` to two targets of the finger, beside an iLQR on the full model.
+"""The way of `best` to targets of the finger and of an arm, beside an iLQR on the full model.
 
-Each row changes one thing: the weight of the joints' speeds, the horizon, or the one linearisation,
-in whose place an iLQR solves the same problem on the full model in each period. In the last row an
-iLQR plans all 5 s, and only the tip counts; its gains follow the plan in the simulation. Where
-several equilibria hold the target, it is the best of the plans that begin with their inputs.
+The arm has two sections and 22 joints; its second target moves. Each row changes one thing: the
+weight of the joints' speeds, the horizon, or the one linearisation, in whose place an iLQR solves
+the same problem on the full model in each period. In the last row of the finger an iLQR plans all
+5 s, and only the tip counts; its gains follow the plan in the simulation. Where several equilibria
+hold the target, it is the best of the plans that begin with their inputs.
 """
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
 
 import softdyn
-from softdyn import SetPoint, SoftModel, statics
+from softdyn import Reference, SetPoint, SoftModel, design, statics
 from softdyn.commands import cli
 from softdyn.controllers import Mpc, MpcParameters, RestTargets
 from softdyn.controllers.predictive.objective import stiffness_at_rest
 from softdyn.dynamics import DiscreteStep, discrete_step
 from softdyn.validation import Log, paper, simulate
+from softdyn.validation.loop.setups import setup_of
+from tests.support.arms import loaded
 
 EPILOG = "exit codes: 0 done; 2 bad input; 130 interrupted.\n"
 SECONDS, PERIOD, STEP = 5.0, 0.005, 0.01  # s; `best` has the control period of the paper
-CURLED = np.array([-0.16, -0.2])  # N m: the second target is the tip of this equilibrium
+# inputs of the equilibria whose tips are the curled targets: N m of the finger, N of the arm
+CURLED, CURLED_ARM = np.array([-0.16, -0.2]), np.array([10.0, 0, 0, 15.0, 0, 0])
+OMEGA = 0.3  # π rad/s, on the arm's ellipse
 RIDGE = 1e-9  # of the inputs' changes beside those of the target
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of an iteration's step
 VARIANTS = {
@@ -40,45 +47,75 @@ FULL = {
     "full model, speed 0.03 s": {"speed": 0.03},
 }
 
+Way = Callable[[float], Reference]
 parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("--robot", choices=("finger", "arm"), help="one of the tables; default: both")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the table as Markdown; returns the exit code."""
-    parser.parse_args(argv)
-    model = softdyn.load("finger")
-    half = paper.set_point("finger", theta=0.5).reference(0.0).y
-    targets = half, statics.settle(model, CURLED).y
-    heads = ["θ = 0.5π: rms", "at 5 s", "curled: rms", "at 5 s", "ms a period"]
-    print("| controller |", " | ".join(heads), "|")
-    print("| --- |", " | ".join(["---"] * len(heads)), "|", flush=True)
-    for name, changes in VARIANTS.items():
-        _row(model, targets, name, PERIOD, partial(_best, changes))
-    for name, changes in FULL.items():
-        _row(model, targets, name, STEP, partial(_Receding, changes))
-    _row(model, targets, "full model, all 5 s, the tip alone", STEP, _planned)
+    """Print the tables as Markdown; returns the exit code."""
+    only = parser.parse_args(argv).robot
+    if only != "arm":
+        model = softdyn.load("finger")
+        half = paper.set_point("finger", theta=0.5).reference
+        _table(model, {"θ = 0.5π": half, "curled": SetPoint(statics.settle(model, CURLED).y)})
+    if only != "finger":
+        with tempfile.TemporaryDirectory() as folder:
+            model = two_sections(Path(folder))
+            curled = SetPoint(statics.settle(model, CURLED_ARM).y)
+            _table(model, {"curled": curled, "path": setup_of(model).ellipse(OMEGA)})
     return cli.PASSED
 
 
-def _best(changes: dict[str, float], model: SoftModel, _: np.ndarray) -> Mpc:
+def two_sections(folder: Path) -> SoftModel:
+    """An arm of 22 joints with six cables."""
+    rubber = design.Material(0.25e6, 0.49, 1070)
+    lower = design.Section(0.12, (0.02, 0.017), rubber, 6, ("bend_y", "bend_z"))
+    upper = design.Section(0.10, (0.017, 0.014), rubber, 5, ("bend_y", "bend_z"))
+    cables = [
+        design.Cable(angle + np.pi / 3 * end, offset, False, 20.0, 0, end, name=f"{end}_{k}")
+        for end, offset in enumerate(((0.015, 0.012), (0.014, 0.010)))
+        for k, angle in enumerate(2 * np.pi / 3 * np.arange(3))
+    ]
+    arm = design.Arm(
+        (lower, upper), cables=tuple(cables), damping=design.Damping(ratio=0.15),
+        name="two_sections",
+    )  # fmt: skip
+    return loaded(arm, folder)
+
+
+def _table(model: SoftModel, ways: dict[str, Way]) -> None:
+    heads = [head for name in ways for head in (f"{name}: rms", "at 5 s")]
+    print(f"| {model.name} |", " | ".join([*heads, "ms a period"]), "|")
+    print("| --- |", " | ".join(["---"] * (len(heads) + 1)), "|", flush=True)
+    row = partial(_row, model, tuple(ways.values()))
+    for name, changes in VARIANTS.items():
+        row(name, PERIOD, partial(_best, changes))
+    for name, changes in FULL.items():
+        row(name, STEP, partial(_Receding, changes))
+    if all(isinstance(way, SetPoint) for way in ways.values()):
+        row("full model, all 5 s, the tip alone", STEP, _planned)
+
+
+def _best(changes: dict[str, float], model: SoftModel, _: Way) -> Mpc:
     return Mpc(model, changes, targets=RestTargets(model))
 
 
 def _row(
     model: SoftModel,
-    targets: Sequence[np.ndarray],
+    ways: Sequence[Way],
     name: str,
     period: float,
-    make: Callable[[SoftModel, np.ndarray], Callable[..., Any]],
+    make: Callable[[SoftModel, Way], Callable[..., Any]],
 ) -> None:
     cells, spent = [], 0.0
-    for y in targets:
-        controller, before = make(model, y), process_time()
-        log: Log = simulate(model, controller, SetPoint(y), duration=SECONDS, period=period)
+    for way in ways:
+        controller, before = make(model, way), process_time()
+        log: Log = simulate(model, controller, way, duration=SECONDS, period=period)
         spent += process_time() - before
         rms = 100 * np.sqrt(np.mean(np.sum(log.error**2, axis=1)))
         cells += [f"{rms:.2f}", f"{log.final_error_cm:.2f}"]
-    cells.append(f"{1e3 * spent / (len(targets) * SECONDS / period):.1f}")
+    cells.append(f"{1e3 * spent / (len(ways) * SECONDS / period):.1f}")
     print(f"| {name} |", " | ".join(cells), "|", flush=True)
 
 
@@ -106,12 +143,17 @@ class _Ilqr:
     The state is (q, v, a) with the input a before; A and B are those of `discrete_step`.
     """
 
-    def __init__(self, model: SoftModel, y: np.ndarray, parameters: MpcParameters) -> None:
-        self.model, self.y, horizon = model, y, parameters.horizon
+    def __init__(self, model: SoftModel, way: Way, parameters: MpcParameters) -> None:
+        self.model, self.way, horizon = model, way, parameters.horizon
+        self.begin = 0.0  # s, of the horizon
         state, S, compliance = stiffness_at_rest(model, horizon)
         self._W = (parameters.speed * horizon) ** 2 * compliance * S
         R = state.B.T @ np.linalg.solve(S, state.B)
         self._R = compliance * (parameters.rate * R + RIDGE * np.eye(model.nu))
+
+    def target(self, k: int) -> np.ndarray:
+        """The target (3,) at the end of step k."""
+        return self.way(self.begin + (k + 1) * STEP).y
 
     def forward(
         self, start: tuple[np.ndarray, ...], u: np.ndarray, gains: np.ndarray | None = None,
@@ -125,7 +167,7 @@ class _Ilqr:
                 away = np.concatenate((q - old[k].q, v - old[k].v, a - old[k].a))
                 now = np.clip(given + gains[k] @ away, model.u_min, model.u_max)
             step = discrete_step(model, q, v, now, STEP)
-            error = model.state(step.q, step.v).y - self.y
+            error = model.state(step.q, step.v).y - self.target(k)
             cost += error @ error + step.v @ self._W @ step.v + (now - a) @ self._R @ (now - a)
             path.append(_Visited(q, v, a, step))
             used.append(now)
@@ -140,7 +182,7 @@ class _Ilqr:
         for k in reversed(range(len(plan.u))):
             u, (_, _, a, step) = plan.u[k], plan.path[k]
             state = model.state(step.q, step.v)
-            s[:n] += 2 * state.J.T @ (state.y - self.y)
+            s[:n] += 2 * state.J.T @ (state.y - self.target(k))
             s[n : 2 * n] += 2 * self._W @ step.v
             S[:n, :n] += 2 * state.J.T @ state.J
             S[n : 2 * n, n : 2 * n] += 2 * self._W
@@ -185,20 +227,21 @@ class _Ilqr:
 class _Receding:
     """The iLQR over the horizon in each period, from the last plan."""
 
-    def __init__(self, changes: dict[str, float], model: SoftModel, y: np.ndarray) -> None:
+    def __init__(self, changes: dict[str, float], model: SoftModel, way: Way) -> None:
         parameters = MpcParameters(**changes)
-        self._solver, self._a = _Ilqr(model, y, parameters), model.relaxed
+        self._solver, self._a = _Ilqr(model, way, parameters), model.relaxed
         self._u = np.tile(model.relaxed, (round(parameters.horizon / STEP), 1))
 
     def __call__(self, state: softdyn.State, _: object) -> np.ndarray:
         found = self._solver.solve((state.q, state.v, self._a), self._u, 8, 1e-4)
         self._u, self._a = np.vstack((found.u[1:], found.u[-1:])), found.u[0]
+        self._solver.begin += STEP
         return self._a
 
 
-def _planned(model: SoftModel, y: np.ndarray) -> Callable[..., np.ndarray]:
-    """The inputs of the best plan of all 5 s, with its gains."""
-    solver = _Ilqr(model, y, MpcParameters(speed=1e-9))
+def _planned(model: SoftModel, way: Way) -> Callable[..., np.ndarray]:
+    """The inputs of the best plan of all 5 s to a set point, with its gains."""
+    solver, y = _Ilqr(model, way, MpcParameters(speed=1e-9)), way(0.0).y
     start, steps = (model.q0, np.zeros(model.nv), model.relaxed), round(SECONDS / STEP)
     goals = statics.inputs_for_tip(model, y).found
     near = [one for one in goals if one.stable and np.linalg.norm(one.y - y) < 1e-5]

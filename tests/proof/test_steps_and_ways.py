@@ -18,7 +18,7 @@ def test_steps_of_a_random_robot_are_compared(capsys):
 
 def test_the_plan_of_the_full_model_is_better_than_its_first_guess():
     model = softdyn.load("finger")
-    solver = shortest_way._Ilqr(model, np.array([0.15, 0.0, -0.1]), MpcParameters())
+    solver = shortest_way._Ilqr(model, softdyn.SetPoint([0.15, 0.0, -0.1]), MpcParameters())
     start, u = (model.q0, np.zeros(4), np.zeros(2)), np.zeros((12, 2))
     found = solver.solve(start, u, 4, 1e-3)
     assert found.cost < 0.9 * solver.forward(start, u).cost

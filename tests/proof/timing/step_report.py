@@ -60,7 +60,7 @@ def step_document(report: dict[str, Any]) -> str:
 
 def machine_text(on: dict[str, Any]) -> str:
     """`machine` and the load during the measurement, as a sentence."""
-    engines = ", ".join(f"{name} {on[name]}" for name in ENGINES)
+    engines = ", ".join(f"{name} {on[name]}" for name in ENGINES if name in on)  # old records
     return (
         f"{on['measured']}, {on['processor']} ({on['cores']} cores), Python {on['python']}, "
         f"{engines}; load {on['load_before']:.1f} to {on['load_after']:.1f}, "
