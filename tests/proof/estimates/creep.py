@@ -33,7 +33,7 @@ COLUMNS = (
     ("controller", "controller", ""),
     ("error after 5 s (mm)", "early_mm", ".2f"),
     ("after 60 s (mm)", "late_mm", ".2f"),
-    ("drift from 5 s to 60 s (mm)", "drift_mm", ".2f"),
+    ("farthest from its place at 5 s (mm)", "drift_mm", ".2f"),
 )
 
 parser = cli.Parser(__doc__, EPILOG)
@@ -94,7 +94,11 @@ def load(robot: str, *, creeps: bool) -> Any:
 
 
 def run(robot: str, plant: str, way: str) -> dict[str, float | None]:
-    """The errors (mm) of one run after 5 s and 60 s, and the drift between them."""
+    """The errors (mm) of one run after 5 s and 60 s, and its drift (mm).
+
+    The drift is the largest distance of the tip, between 5 s and 60 s, from its mean place before
+    5 s. With an observer it includes what noise of the sensors moves.
+    """
     import numpy as np
 
     from softdyn import SetPoint, statics
