@@ -125,7 +125,7 @@ class Supervisor:
         self._period, self._lag = period, lag
         self._start_over(None)
 
-    def _start_over(self, goal: np.ndarray | None) -> None:
+    def _start_over(self, goal: list[float] | None) -> None:
         """Follow another set point, its numbers `goal`, or a path."""
         if self._job is not None:
             self._job.cancel()
@@ -181,10 +181,10 @@ class Supervisor:
             return Followed(self.phase, error, False)
         goals = aim.targets(reference)
         y = numbers(goals)
-        if self._goal is None or not np.array_equal(self._goal, y):
-            self._start_over(y.copy())
+        if y.tolist() != self._goal:
+            self._start_over(y.tolist())
         if self.phase in (Phase.GIVEN, Phase.SEARCH):
-            self._look_for_rests(error.far, aim, reference, waits)
+            self._look_for_rests(error.far, y, aim, reference, waits)
         if self.phase in (Phase.REST, Phase.HOLD):
             self._approach_rest(error.far, None if aim.tasks else goals[0].y, now, waits)
         command = None
@@ -210,7 +210,9 @@ class Supervisor:
         self._time += self._period
         return self._pulls[self.phase]
 
-    def _look_for_rests(self, far: float, aim: Aim, reference: Any, waits: bool) -> None:
+    def _look_for_rests(
+        self, far: float, y: np.ndarray, aim: Aim, reference: Any, waits: bool
+    ) -> None:
         """GIVEN → SEARCH → REST. The time is since the tip is stuck."""
         stuck = self.phase is Phase.SEARCH or far > WITHIN
         self._time = self._time + self._period if stuck else 0.0
@@ -218,8 +220,7 @@ class Supervisor:
             return
         self.phase = Phase.SEARCH
         assert self._targets is not None
-        assert self._goal is not None
-        found = self._targets.find(self._goal, aim.tasks, reference, waits=waits)
+        found = self._targets.find(y, aim.tasks, reference, waits=waits)
         if found is not None and self._time > STUCK + ARRIVES:
             self._time = ARRIVES  # it asks again a second later where no rest is nearer
             if found and found[0].distance < far - WITHIN:
