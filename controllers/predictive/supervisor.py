@@ -43,7 +43,6 @@ KEEPS = 5.0  # the input that keeps it buckled
 LASTS = 0.6  # s of a pull
 AGAIN = 1.0  # s from the end of a pull to the next
 FAR = 0.03  # m from the path
-LATE = 0.05  # s so far from it
 
 
 class Phase(Enum):
@@ -135,7 +134,6 @@ class Supervisor:
         self._plan: Plan | None = None
         self._kept: np.ndarray | None = None  # the input that stays while a plan is made
         self._left = PLANS
-        self._late = LATE  # s, farther than 3 cm from the path
         self._enter(Phase.GIVEN)
 
     def _enter(self, phase: Phase, time: float = 0.0) -> None:
@@ -202,10 +200,9 @@ class Supervisor:
             return None
         if self.phase is Phase.GIVEN:
             self._enter(Phase.BUCKLED, LASTS + AGAIN)  # so that a pull may begin at once
-        self._late = self._late + self._period if far > FAR else 0.0
         if self.phase is Phase.PULL and self._time >= LASTS:
             self.phase = Phase.BUCKLED
-        if self._late > LATE and self._time >= LASTS + AGAIN:
+        if far > FAR and self._time >= LASTS + AGAIN:
             self._enter(Phase.PULL)
         self._time += self._period
         return self._pulls[self.phase]
