@@ -28,12 +28,18 @@ import numpy as np
 
 from softdyn.controllers.qps.qp import DenseQp, QpProblem
 
+# Lines "x 0.1" and "x 10" say what a tenth and ten times did to two plans of SpiRob through a fold.
+# As it is they end 0.6 and 1.4 cm from their targets and take 2 and 3 s.
 ITERATIONS = 60
 SETTLED = 1e-3  # relative decrease of the cost at which it ends
+# x 0.1: 0.5 and 0.8 cm, in 3 and 5 s. x 10: 0.8 and 1.9 cm.
 DAMPED = 1.0  # in the problem's `unit`: a step shorter than with this is not tried
+# x 0.1, x 10: the same plans; it ends searches that find no lower cost.
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried until the cost falls
 CLOSING = (0.15, 0.07)  # the same while there are gaps
+# x 0.1: no plan within the iterations. x 10: the other plan ends 7.7 cm away.
 CLOSED = 1.0  # sum of the gaps below which a whole step closes them
+# x 0.1: 1.0 and 1.0 cm. x 10: 1.8 and 1.0 cm. Without it the gaps would never be 0.
 
 
 @dataclass(frozen=True, eq=False)
