@@ -20,6 +20,7 @@ dynamic programming", 2014).
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
@@ -27,13 +28,18 @@ import numpy as np
 
 from softdyn.controllers.qps.qp import DenseQp, QpProblem
 
+# Lines "x 0.1" and "x 10" say what a tenth and ten times did to two plans of SpiRob through a fold.
+# As it is they end 0.6 and 1.4 cm from their targets and take 2 and 3 s.
 ITERATIONS = 60
 SETTLED = 1e-3  # relative decrease of the cost at which it ends
+# x 0.1: 0.5 and 0.8 cm, in 3 and 5 s. x 10: 0.8 and 1.9 cm.
 DAMPED = 1.0  # in the problem's `unit`: a step shorter than with this is not tried
+# x 0.1, x 10: the same plans; it ends searches that find no lower cost.
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried until the cost falls
 CLOSING = (0.15, 0.07)  # the same while there are gaps
+# x 0.1: no plan within the iterations. x 10: the other plan ends 7.7 cm away.
 CLOSED = 1.0  # sum of the gaps below which a whole step closes them
-GAPS = 1e3  # cost of the sum of the gaps
+# x 0.1: 1.0 and 1.0 cm. x 10: 1.8 and 1.0 cm. Without it the gaps would never be 0.
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +106,9 @@ class Path:
     drift: np.ndarray
 
     @property
-    def merit(self) -> float:
-        """The cost, with that of the gaps."""
-        return self.cost + GAPS * self.gaps
+    def merit(self) -> tuple[float, float]:
+        """What is lower for a better path: the gaps come before the cost."""
+        return self.gaps, self.cost
 
 
 def search_path(problem: PathProblem, guess: np.ndarray) -> tuple[Path, np.ndarray] | None:
@@ -129,8 +135,8 @@ def search_path(problem: PathProblem, guess: np.ndarray) -> tuple[Path, np.ndarr
             if damping > DAMPED:
                 break
             continue
-        gain, path, damping = path.merit - after.merit, after, max(damping / 5, 1e-9)
-        if path.gaps == 0 and gain < SETTLED * path.cost:
+        before, path, damping = path, after, max(damping / 5, 1e-9)
+        if before.gaps == 0 and before.cost - path.cost < SETTLED * path.cost:
             break
     if path.gaps > 0:
         return None
@@ -152,8 +158,8 @@ def _simulate(
 ) -> Path | None:  # fmt: skip
     """The path under commands, with feedback to a near path, or through the given states.
 
-    It keeps the rest of the near path's gaps. None where a step has no solution, or where it costs
-    more than the near path.
+    It keeps the rest of the near path's gaps. None where a step has no solution, or where it is no
+    better than the near path.
     """
     x, m, cost, gaps = problem.start, len(problem.change), 0.0, 0.0
     rows: list[tuple[np.ndarray, ...]] = []
@@ -177,7 +183,7 @@ def _simulate(
         away, gap = end - problem.aim, c - x[-m:]
         cost += error @ error + away @ problem.weight @ away + gap @ problem.change @ gap
         gaps += float(np.abs(drift).sum())
-        if not cost + GAPS * gaps < (np.inf if near is None else near.merit):
+        if not math.isfinite(cost) or (near is not None and (gaps, cost) >= near.merit):
             return None
         rows.append((x, c, A, B, J, error, away, gap, drift))
         x = end

@@ -150,7 +150,7 @@ def test_a_loop_that_does_not_wait_holds_its_input_until_the_plan_is_there(make)
 
 def test_a_pull_starts_far_from_a_path_and_lasts_a_stated_time(make) -> None:
     supervisor, step = make(least=LEAST)
-    lasts, again, late = (math.ceil(s / T) for s in (rules.LASTS, rules.AGAIN, rules.LATE))
+    lasts, again = (math.ceil(s / T) for s in (rules.LASTS, rules.AGAIN))
     far, near = 2 * rules.FAR, 0.5 * rules.FAR
 
     def pulls(distances: list[float]) -> list[int]:
@@ -164,11 +164,8 @@ def test_a_pull_starts_far_from_a_path_and_lasts_a_stated_time(make) -> None:
 
     assert pulls([near] * 50) == []
     assert pulls([far] + [near] * 50) == list(range(lasts))
-    # after that, only once the tip has been far for a while
-    pulled = pulls([near] * 10 + [far] * (late + 1) + [near] * 20)
-    assert len(pulled) == lasts
-    assert abs(pulled[0] - 10 - late) <= 1
-    # and not before a stated time
+    assert pulls([near] * 10 + [far] + [near] * 20) == list(range(10, 10 + lasts))
+    # and not again before a stated time
     pulled = pulls([far] * (2 * lasts + again + 3))
     assert pulled[lasts] - pulled[0] >= lasts + again
     # a set point ends the path, and another path begins anew
