@@ -31,6 +31,7 @@ from softdyn.controllers.qps.qp import DenseQp, QpProblem
 # Lines "x 0.1" and "x 10" say what a tenth and ten times did to two plans of SpiRob through a fold.
 # As it is they end 0.6 and 1.4 cm from their targets and take 2 and 3 s.
 ITERATIONS = 60
+# x 0.1: no plan. x 10: the same plans.
 SETTLED = 1e-3  # relative decrease of the cost at which it ends
 # x 0.1: 0.5 and 0.8 cm, in 3 and 5 s. x 10: 0.8 and 1.9 cm.
 DAMPED = 1.0  # in the problem's `unit`: a step shorter than with this is not tried

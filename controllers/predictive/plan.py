@@ -43,10 +43,12 @@ STEP = 0.01  # T (s)
 # x 0.5: the steps are nearer to the motion of a fold. Two of five plans of SpiRob are lost when the
 # same model follows them in steps of 5 ms or less. One that is planned in 5 ms holds.
 STEPS = 150
+# x 0.1: no plan.
 FORM = 0.3  # σ
+# x 0.1: 1.0 and 8.4 cm, in 6 and 7 s.
 HORIZON, SPEED, RATE, HOLD = 0.3, 0.05, 1e-3, 1e-3  # s, s; the weights, as `Mpc` has them
 # HOLD x 0.1: gains two and five times as large, 0.6 and 3.3 cm. x 10: 1.9 and 10 cm.
-# RATE x 0.1: 0.5 and 3.9 cm.
+# RATE x 0.1: 0.5 and 3.9 cm. x 10: 2.0 and 7.0 cm.
 TAIL = 50.0
 # x 0.1: 1.0 and 2.0 cm.
 CLOSE = 1e-4  # rad, m: a step's error before Newton's last iteration, which leaves its square
