@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -80,7 +81,7 @@ def test_the_torque_of_a_motion_in_lines_is_the_hereditary_integral() -> None:
 
 
 @pytest.mark.parametrize(("scheme", "order", "most"), [("implicitfast", 1, 2e-3), ("rk4", 4, 1e-8)])
-def test_a_step_of_torque_on_one_joint_converges(scheme, order, most) -> None:
+def test_a_step_of_torque_on_one_joint_converges(scheme: str, order: int, most: float) -> None:
     model, torque, times = one_joint(), 1.5, (0.02, 0.1, 0.5)
     final = torque / SPRING
     worst = []
@@ -114,7 +115,7 @@ def test_hysteresis_follows_dahl_s_equation() -> None:
         PlantErrors(hysteresis=-0.1)
 
 
-def test_rest_state_and_export_are_those_of_the_relaxed_spring(tmp_path) -> None:
+def test_rest_state_and_export_are_those_of_the_relaxed_spring(tmp_path: Path) -> None:
     plain, soft = softdyn.load("finger"), build(creeping(softdyn.load("finger").robot))
     q, v = np.full(plain.nq, 0.2), np.full(plain.nv, 0.3)
     ours, theirs = plain.state(q, v), soft.state(q, v)
@@ -145,7 +146,7 @@ def test_a_rollout_and_the_model_as_the_plant_creep_too() -> None:
 
 
 def test_followers_creep_and_a_copied_twin_has_its_own_torques() -> None:
-    twin = Twin(build(creeping(parse_text(GRIPPER, path="gripper.urdf"))))
+    twin = Twin(build(creeping(parse_text(GRIPPER, path=Path("gripper.urdf")))))
     twin.advance(np.array([1.0, 0.0, 0.0]), 200)
     assert len(twin.memory.torque) == 2
     assert np.abs(twin.memory.torque).min() > 1e-6
@@ -169,10 +170,10 @@ def test_a_fast_mode_meets_the_instantaneous_stiffness() -> None:
 def test_a_prony_series_makes_the_branches_of_an_arm() -> None:
     series = ((0.15, 0.8), (0.1, 12.0))
 
-    def arm(**words) -> softdyn.SoftModel:
+    def arm(**words: Any) -> softdyn.SoftModel:
         material = design.Material(0.25e6, **words)
         section = design.Section(length=0.2, radius=0.01, material=material, segments=2)
-        return build(parse_text(design.urdf(design.Arm((section,))), path="arm.urdf"))
+        return build(parse_text(design.urdf(design.Arm((section,))), path=Path("arm.urdf")))
 
     plain, instant = arm(), arm(relaxation=series, modulus="instantaneous")
     relaxed = arm(relaxation=series, modulus="relaxed")
