@@ -269,7 +269,7 @@ def say_once() -> None:
     what = "its kernels, in every process: no folder is writable"
     if any(cache.writable for cache in CACHES):
         what = (
-            "its kernels, once on this machine: some seconds for a controller, about a minute for all "
+            "its kernels, once on this machine: some seconds for a controller, a minute for all "
             "(`softdyn compile` does it beforehand)"
         )
     if some_are_kept():

@@ -118,16 +118,6 @@ class TomlTable:
             return self._default(name, kind, default)
         return self._numbers(*found, "a list of numbers")
 
-    def pairs(self, name: str) -> tuple[tuple[float, float], ...]:
-        """A list of pairs of numbers, as tuples; none if the key is missing."""
-        expected = "a list of pairs of numbers"
-        value = self._typed(name, list, expected, [])
-        for one in value:
-            if not isinstance(one, list) or len(one) != 2:
-                raise self.error(name, expected, repr(one))
-        read = self._number
-        return tuple((read(name, one, 1.0), read(name, other, 1.0)) for one, other in value)
-
     def rows(self, name: str, kind: str, width: int) -> list[tuple[float, ...]] | None:
         """A list of lists of `width` numbers, the last in SI units; None if the key is missing."""
         found = self._find(name, kind)

@@ -23,7 +23,7 @@ ONE = {  # number of units in one SI unit
     "time": {"s": 1, "ms": 1000},
     "stiffness": {"Nm_rad": 1, "Nmm_rad": 1000},
     "damping": {"Nms_rad": 1, "Nmms_rad": 1000},
-    "inertia": {"kgm2": 1, "gmm2": 1e9},
+    "inertia": {"kgm2": 1, "gmm2": 1e9, "gcm2": 1e7},
     "cable stiffness": {"N_m": 1, "N_mm": 1e-3},
     "cable damping": {"Ns_m": 1, "Ns_mm": 1e-3},
     "speed": {"m_s": 1, "mm_s": 1000},

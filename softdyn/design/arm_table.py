@@ -142,7 +142,7 @@ def _material(table: TomlTable | None, default: Material | None) -> Material | N
             table.number("youngs_modulus", "modulus"),
             table.number("poissons_ratio", "none", 0.49),
             table.number("density", "density", 1070.0),
-            table.pairs("relaxation"),
+            tuple((g, t) for g, t in table.rows("relaxation", "none", 2) or ()),
             table.text("modulus", ""),
         )
     table.rest()

@@ -82,7 +82,7 @@ def test_what_swallows_an_end_does_not_keep_a_command_alive():
         with suppress(BaseException):
             signal.raise_signal(signal.SIGTERM)
         reached.append(over())
-        cli.serve(Page("", (), ()), cli.Arguments(port=None, no_open=True), over)
+        cli.serve(Page("", (), ()), cli.Arguments(port=None, no_open=True, origin=None), over)
         reached.append("the end")
     assert reached == [True, "the end"]
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL

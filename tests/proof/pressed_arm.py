@@ -1,8 +1,8 @@
 """A published arm under pressure: its curvature from stated numbers, and after a fit of one factor.
 
-The data are ``data/openloop_data_p123.mat`` of https://github.com/BJCaasenbrood/
-soft-robot-model-MATLAB (MIT licence, Copyright (c) 2021 BJCaasenbrood): three pressures and the two
-curvatures of one soft link at 250 Hz for 40 s. ``examples/paper/val_1_link_openloop.m`` and
+The figures come from ``data/openloop_data_p123.mat`` of https://github.com/BJCaasenbrood/
+soft-robot-model-MATLAB (2021, MIT licence): three pressures and the two curvatures of one soft link
+at 250 Hz for 40 s. ``examples/paper/val_1_link_openloop.m`` and
 ``src/Model.m`` of commit 5dfb831 state the numbers:
 
 - length 64 mm, outer radius 13 mm, mass 17 g, three chambers at 120°;
