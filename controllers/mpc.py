@@ -271,7 +271,7 @@ class Mpc(NamedLaw):
 
     @SILENT
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:
-        """What the supervisor follows decides the target of a step."""
+        """One step towards the target that the supervisor follows now."""
         moving = any(map(moves, self._aim.targets(reference)))
         small = math.isfinite(
             state.q @ state.q + state.v @ state.v

@@ -108,7 +108,7 @@ class Path:
 
     @property
     def merit(self) -> tuple[float, float]:
-        """What is lower for a better path: the gaps come before the cost."""
+        """The order of paths: a better path has the lower value, and gaps come before the cost."""
         return self.gaps, self.cost
 
 

@@ -59,7 +59,7 @@ FAR = 0.03  # m from the path
 
 
 class Phase(Enum):
-    """What a controller follows.
+    """The thing that a controller follows now.
 
     `Mpc` has the first seven phases, `Staged` the last two.
     """

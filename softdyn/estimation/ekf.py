@@ -115,11 +115,6 @@ class Ekf(KeepsMaking, Separate):
         self._drives = Drives.of(model)
         q, v = (model.q0, np.zeros(model.nv)) if start is None else start
         self._start = array("start[0]", q, (model.nq,)), array("start[1]", v, (model.nv,))
-        ends = np.cumsum([0, *(one.size(model) for one in self.disturbances)])
-        self._slices = {
-            one.value: slice(int(a), int(b))
-            for one, a, b in zip(self.disturbances, ends, ends[1:], strict=False)
-        }
         self._readings, self._commands = np.empty(self.components), np.empty(model.nu)
         self.reset()
 
@@ -169,7 +164,7 @@ class Ekf(KeepsMaking, Separate):
 
     def covariance_of(self, name: str) -> np.ndarray:
         """Covariance of the components of a disturbance that is estimated."""
-        own, first = self._slices[name], 2 * self.model.nv
+        own, first = self._filtered.parts[name], 2 * self.model.nv
         rows = slice(first + own.start, first + own.stop)
         found: np.ndarray = self._filter.P[rows, rows] + self._rubbed[own, own]
         return found
@@ -258,8 +253,8 @@ class Ekf(KeepsMaking, Separate):
         deviations = np.sqrt(variances + self._rubbed.diagonal())
         return StateEstimate(
             now.q.copy(), now.v.copy(), now.P[: 2 * n, : 2 * n].copy(),
-            {name: now.forces[part].copy() for name, part in self._slices.items()},
-            {name: deviations[part].copy() for name, part in self._slices.items()},
+            {name: now.forces[part].copy() for name, part in self._filtered.parts.items()},
+            {name: deviations[part].copy() for name, part in self._filtered.parts.items()},
             fused.nis, fused.used, *fused.residuals,
         )  # fmt: skip
 

@@ -49,6 +49,8 @@ class FilteredModel:
         The prediction. The step begins on the linear model of the last one.
     creep : CreepingBalance or None
         The balance with the torques of Maxwell branches, if they are estimated.
+    parts : dict of str to slice
+        The components of each disturbance, by its name.
     disturbed : int
         The number nd of the disturbances' components.
     winches : Winches or None
@@ -67,11 +69,13 @@ class FilteredModel:
         self.model = model
         self.balance = ForceBalance(model, disturbances)
         self.step = ImplicitStep(model, self.balance)
+        ends = np.cumsum([0, *(one.size(model) for one in disturbances)])
+        self.parts = {
+            one.value: slice(int(a), int(b))
+            for one, a, b in zip(disturbances, ends, ends[1:], strict=False)
+        }
         self.creep: CreepingBalance | None = None
-        if Disturbance.RELAXATION in disturbances:
-            before = disturbances[: disturbances.index(Disturbance.RELAXATION)]
-            first = sum(one.size(model) for one in before)
-            torques = slice(first, first + Disturbance.RELAXATION.size(model))
+        if (torques := self.parts.get(Disturbance.RELAXATION.value)) is not None:
             self.creep = CreepingBalance(model, self.balance, torques)
             self.step = ImplicitStep(model, self.creep)
         wound = any(actuator.is_winch for actuator in model.robot.actuators)

@@ -84,7 +84,7 @@ def test_the_work_of_the_pressure_is_p_times_the_change_of_the_volume(model: Sof
 
 
 def test_the_tangent_is_the_difference_of_the_forces(model: SoftModel, tmp_path: Path) -> None:
-    """Of the tree, of a reduced model, and of one with a mimic joint."""
+    """It holds for the tree, for a reduced model, and for one with a mimic joint."""
     robot = model.robot
     leader, follower = robot.joints[2], robot.joints[5]
     mimic = replace(follower, mimic=Mimic(leader.name, 0.7, 0.1))

@@ -67,7 +67,7 @@ def test_nothing_waits_for_a_reading_of_another_time(model):
 
 
 def test_a_restart_is_a_new_filter(model):
-    """What was before has no part in it; one that is widened goes on at the estimate."""
+    """The past has no part in a new filter; one that is widened goes on at the estimate."""
     old, fresh = made(model), made(model)
     for _ in range(3):
         assert old.predict(U, STEP)
