@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from softdyn.validation.studies.engine.worker import CaseJob, CaseResult
 
 EPILOG = """\
-FILE is TOML, described in docs/sweeps.md; for example
+FILE is TOML, described in docs/sweeps_reference.md; for example
 
     robots = ["finger"]
     controllers = ["soft-id-clf-qp", "ic-qp"]

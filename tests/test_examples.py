@@ -15,7 +15,8 @@ from tests.support import ROOT
 
 EXAMPLES = ROOT / "docs/examples"
 CLASSES = {"dynamixel_rig", "hold_law", "ros2_rig", "served_rig"}  # for a command, no programs
-PROGRAMS = sorted(path for path in EXAMPLES.glob("*.py") if path.stem not in CLASSES)
+LEARNS = {"learn_policy"}  # half a minute; tests/test_docs.py runs it in its page
+PROGRAMS = sorted(path for path in EXAMPLES.glob("*.py") if path.stem not in CLASSES | LEARNS)
 MOST_LINES = 40
 LONGER = {"own_ilqr": 90, "crocoddyl_adapter": 50, "casadi_adapter": 55}  # lines
 PACKAGES = {f"{name}_adapter": name for name in ("crocoddyl", "casadi", "jax")}

@@ -15,7 +15,7 @@ of them.
 - `discrete_steps`: Jacobians of steps against differences, and violent steps;
 - `shortest_way`: the way of `best` to a target, beside an iLQR on the full model;
 - `batches`: our robots in MuJoCo Warp, with the figures of docs/gpu.md;
-- `episodes`: the speed of the environment for learning, with the figures of docs/learn.md;
+- `episodes`: the speed of the environment for learning, with the figures of docs/environment.md;
 - `tables`, `documents`: the documents' tables;
 - `weights`: the size of each package that an installation brings;
 - `rests`: equilibria at the paper's set points, with the figures of docs/statics_measured.md;

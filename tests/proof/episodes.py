@@ -1,4 +1,4 @@
-"""Steps of the environment beside those of a bare loop, and its memory: docs/learn.md."""
+"""Steps of the environment beside those of a bare loop, and its memory: docs/environment.md."""
 
 from __future__ import annotations
 

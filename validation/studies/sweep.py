@@ -1,7 +1,7 @@
 """A sweep: the list of closed loops over a grid, over random samples or one change at a time.
 
 Every case is complete plain data, and the order of the cases depends only on the sweep file.
-`softdyn.validation.studies.sweep_file` reads that file; ``docs/sweeps.md`` describes it.
+`softdyn.validation.studies.sweep_file` reads that file; ``docs/sweeps_reference.md`` describes it.
 """
 
 from __future__ import annotations

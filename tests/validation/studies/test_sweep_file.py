@@ -292,8 +292,9 @@ def test_the_documents_sweeps_are_sweeps(folder, monkeypatch):
     assert lags == {(None, None), (0.02, 0.02)}
     drag = (ROOT / "docs" / "forces.md").read_text().split("```python\n")[1].split("```")[0]
     (folder / "drag.py").write_text(drag)
-    blocks = (ROOT / "docs" / "sweeps.md").read_text().split("```toml\n")[1:]
-    assert blocks
+    texts = [(ROOT / "docs" / name).read_text() for name in ("sweeps.md", "sweeps_reference.md")]
+    blocks = [block for text in texts for block in text.split("```toml\n")[1:]]
+    assert len(blocks) > 5
     for block in blocks:
         (folder / "block.toml").write_text(block.split("```")[0])
         assert read_sweep(folder / "block.toml").cases
