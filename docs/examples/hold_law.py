@@ -1,4 +1,4 @@
-"""Soft ID-CLF-QP over the hold, for `scripts/run.py ROBOT docs/examples/hold_law.py:OverHold`.
+"""Soft ID-CLF-QP with a horizon, for `softdyn run ROBOT docs/examples/hold_law.py:OverHold`.
 
 With ``--gains FILE``, fields of `Gains` in TOML replace the published ones, but not in
 the horizon.

@@ -120,7 +120,7 @@ def meet(
     if target is None and model.bundled not in setups.ROBOTS:
         target = points(model, 1)[0]
     goal = setup.set_point(theta) if target is None else setup.target(target)
-    laws = {"published": plain, "over the hold": SoftIdClfQp(model, gains, horizon=tau)}
+    laws = {"published": plain, "with a horizon": SoftIdClfQp(model, gains, horizon=tau)}
     logs = {name: run(law, goal) for name, law in laws.items()}
     ball = in_the_way([log.y for log in logs.values()], radius)
     laws["with barriers"] = barriers(ball)

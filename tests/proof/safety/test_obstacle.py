@@ -8,7 +8,7 @@ from tests.proof.safety import obstacle
 
 def test_the_ball_stands_in_the_way_and_the_barriers_go_round_it():
     met = obstacle.meet(softdyn.load("finger"), duration=0.3, random=1)
-    assert list(met.logs) == ["published", "over the hold", "with barriers"]
+    assert list(met.logs) == ["published", "with a horizon", "with barriers"]
     rows = met.report["runs"]
     assert [row["name"] for row in rows] == [*met.logs, "random 0"]
     assert rows[0]["clearance_mm"] < 0 < rows[0]["violation"]
