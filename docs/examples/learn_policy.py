@@ -13,6 +13,7 @@ from softdyn.validation import ReachEnv
 
 SEES = ("q", "v", "error", "target")
 SCALE = np.array([1.0] * 4 + [0.1] * 4 + [5.0] * 6)  # what it sees is then near 1
+# a decision every 20 ms and plant steps of 1 ms, so that learning is fast
 env = ReachEnv("finger", observation=SEES, period=0.02, horizon=1.0, timestep=1e-3)
 
 
