@@ -202,7 +202,8 @@ def _table(rows: Sequence[dict[str, Any]]) -> str:
     )
     if commands := emulations(rows):
         note = (
-            f"<p><b>{CODE.sub(INSIDE, EMULATED)}</b></p><details><summary>How the emulated figures were made"
+            f"<p><b>{CODE.sub(INSIDE, EMULATED)}</b></p>"
+            "<details><summary>How the emulated figures were made"
             f"</summary><pre>{escape(chr(10).join(commands))}</pre></details>{note}"
         )
     return wide(benchmark_table(rows), [{last} if row["failed"] else set() for row in rows]) + note
