@@ -50,8 +50,6 @@ from softdyn.description.robot import sliding
 from softdyn.dynamics.stops import Stops
 from softdyn.safety.clearance import CENTIRADIAN, MILLIMETRE, Values
 from softdyn.safety.obstacles import RATE, BarrierSet
-from softdyn.safety.obstacles import HalfSpace as HalfSpace
-from softdyn.safety.obstacles import KeepOutSphere as KeepOutSphere
 
 LOOKAHEAD = 0.02  # s, the horizon of rows where the controller has none
 LEAP = 10.0  # of these units, a joint's largest motion in a period

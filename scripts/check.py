@@ -19,7 +19,7 @@ listed.
 
 --gains prints instead gains of the paper's controllers for this robot, as TOML for `softdyn run
 --gains FILE`. They are for soft-id-clf-qp with the control period of --period, from the robot's
-motion near a few equilibria; a comment tells why. docs/your_robot.md shows an example.
+motion near a few equilibria; a comment tells why. docs/gains.md shows an example.
 
 FILE.py:CLASS [ROBOT] tests instead a class of your own with a robot (finger by default). Its
 methods tell its kind: a controller, a plant, a driver, a task, a barrier, an observer, a reference

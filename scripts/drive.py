@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 EPILOG = """\
 --driver FILE.py:CLASS is your class for the rig. It is built as CLASS(model) and needs start(),
-read(), send(commands) and stop(); docs/bench.md has one of 30 lines. read() returns the newest
+read(), send(commands) and stop(); docs/examples/served_rig.py is one. read() returns the newest
 readings of the file's sensors and their times in seconds of time.monotonic(), NaN where nothing is
 new. send() gets forces, free lengths or velocities, as the file's motors state. stop() relaxes the
 cables; it may be called at any time, and twice.

@@ -15,9 +15,7 @@ from softdyn import InputError, SetPoint, SoftModel, State, statics
 from softdyn.controllers import SoftIdClfQp, Status
 from softdyn.controllers.barriers import (
     BarrierRows,
-    HalfSpace,
     JointLimits,
-    KeepOutSphere,
     LoadedStop,
     UnsafeStart,
 )
@@ -25,6 +23,7 @@ from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.qp import QpProblem
 from softdyn.controllers.qps.relaxed_rows import ROOM, RelaxedRows, Rows
 from softdyn.controllers.qps.task_qp import BACKOFF
+from softdyn.safety import HalfSpace, KeepOutSphere
 from softdyn.validation import simulate
 from softdyn.validation.loop.setups import setup_of
 from tests.proof.paper.solvers import SymbolicQp

@@ -20,7 +20,7 @@ from softdyn.controllers import (
     Staged,
     best,
 )
-from softdyn.controllers.barriers import HalfSpace
+from softdyn.safety import HalfSpace
 from softdyn.validation import Rig, paper, simulate
 from softdyn.validation.loop.plants import IdealPlant
 from softdyn.validation.twin.state_map import StateMap

@@ -15,8 +15,8 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SoftModel, State
-from softdyn.controllers.barriers import HalfSpace, KeepOutSphere
 from softdyn.description.inertia import rotation_rpy
+from softdyn.safety import HalfSpace, KeepOutSphere
 from softdyn.safety.nearest import nearest
 from softdyn.safety.obstacles import Barrier, BarrierSet, KeepOutBox, LinkPairs
 from softdyn.safety.solids import Cores, Solid, ball, box, half_space

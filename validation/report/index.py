@@ -7,6 +7,7 @@ without a network.
 
 from __future__ import annotations
 
+import re
 import shlex
 import shutil
 import sys
@@ -48,6 +49,7 @@ FIGURES = {
     "lyapunov_trajectories": "Lyapunov function, trajectories",
     "inputs": "Inputs",
 }
+CODE, INSIDE = re.compile(r"`(.+?)`"), r"<code>\1</code>"  # of Markdown, of HTML
 SHOWN = 0.5  # the set point in the thumbnails, in multiples of π
 
 STYLE = """\
@@ -200,7 +202,8 @@ def _table(rows: Sequence[dict[str, Any]]) -> str:
     )
     if commands := emulations(rows):
         note = (
-            f"<p><b>{EMULATED}</b></p><details><summary>How the emulated figures were made"
+            f"<p><b>{CODE.sub(INSIDE, EMULATED)}</b></p>"
+            "<details><summary>How the emulated figures were made"
             f"</summary><pre>{escape(chr(10).join(commands))}</pre></details>{note}"
         )
     return wide(benchmark_table(rows), [{last} if row["failed"] else set() for row in rows]) + note

@@ -104,7 +104,8 @@ class PairReport:
         """A document with the tables."""
         return document(
             "# Public pairs",
-            f"Made by `{COMMAND}`. [Two files, one robot](compare.md) explains the causes.",
+            f"Made by `{COMMAND}`. [Comparison in detail](compare_reference.md) explains the "
+            "causes.",
             "*left* is the largest relative error of M, bias, g and J at random states after every "
             "cause is repaired.",
             self.table.markdown(),

@@ -11,8 +11,8 @@ from tqdm.auto import tqdm
 
 from softdyn import SetPoint, SoftModel
 from softdyn.controllers import Gains, SoftIdClfQp
-from softdyn.controllers.barriers import JointLimits, KeepOutSphere
-from softdyn.safety import Surroundings
+from softdyn.controllers.barriers import JointLimits
+from softdyn.safety import KeepOutSphere, Surroundings
 from softdyn.validation.loop import setups
 from softdyn.validation.loop.log import Log
 from softdyn.validation.simulate import simulate

@@ -100,6 +100,8 @@ def test_the_page_has_table_versions_command_and_the_failed_run_with_its_reason(
         assert re.search(rf"\b{package} \d+\.\d+", text)
     assert "python scripts/benchmark.py --robots finger" in text
     assert "/a/b" not in text
+    assert "<code>python -m tests.proof reproduce" in text
+    assert "`" not in text
     assert "own &amp; only.py" in text
     assert "own & only.py" not in text
 
