@@ -401,7 +401,6 @@ def test_zeros_are_kept_and_a_second_run_goes_on_from_them(folder):
         ((), "--out: expected a FILE"),
         (("--out", "arm.urdf"), "a file that this command does not read"),
         (("best", "--out", "new.urdf"), "--zero: not allowed with a CONTROLLER"),
-        (("--out", "new.urdf", "--hold", "0", "0"), "not allowed with argument"),
     ],
 )
 def test_bad_input_is_one_line(folder, words, said):

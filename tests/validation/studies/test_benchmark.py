@@ -436,8 +436,6 @@ def test_json_to_a_file(call, reference):
         (["--controllers", "own.py:Unbuildable"], "expected a controller, got KeyError in line"),
         (["--robots", "arm.urdf", "--controllers", "ic"], "error: "),  # it has no gains
         (["--thetas", "--omegas"], "--thetas, --omegas: expected at least one"),
-        (["--omegas", "0"], "argument --omegas: expected a number > 0"),
-        (["--jobs", "0"], "argument --jobs: expected a whole number > 0"),
         (["--out", "own.py"], "own.py: expected a folder"),
         (["--json", "no/where.json"], "no/where.json: expected a writable file"),
     ],

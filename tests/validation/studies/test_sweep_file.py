@@ -256,8 +256,6 @@ def test_what_is_wrong_is_told_in_one_line(folder, call, change, message):
     ("arguments", "message"),
     [
         (["none.toml"], "none.toml: expected a readable file"),
-        (["good.toml", "--jobs", "0"], "whole number > 0"),
-        (["good.toml", "--jobs", "2", "--scheduler", "tcp://127.0.0.1:1"], "not allowed with"),
         (["good.toml", "--out", "good.toml"], "good.toml: expected a folder to write to"),
         (["good.toml", "--json", "none/x.json"], "x.json: expected a writable file"),
         (["good.toml", "--scheduler", "nowhere"], "--scheduler: expected "),
