@@ -21,12 +21,12 @@ from pathlib import Path
 
 import pytest
 
-from softdyn import InputError
 from softdyn.commands import rollout, run
 from softdyn.validation import Log
 from softdyn.validation.files import atomic, write_json, write_text
 from tests.support import PATIENCE, ROOT
 from tests.support.command import command, of_itself
+from tests.support.refused import refused
 from tests.support.sweeps import wait_for
 
 RUN = ["scripts/run.py", "finger", "ic", "--theta", "0.5", "--duration", "0.5"]
@@ -140,7 +140,7 @@ def test_a_full_disk_behind_stdout_is_no_success(monkeypatch, capsys) -> None:
 def test_every_length_at_which_a_write_may_stop(kept: int, tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_bytes(b"before")
-    with small_files(kept), pytest.raises(InputError, match="File too large"):
+    with small_files(kept), refused("file", "File too large"):
         write_text(path, "x" * 4097)
     assert path.read_bytes() == b"before"
     assert list(tmp_path.iterdir()) == [path]
@@ -156,7 +156,7 @@ def test_a_disk_that_fills_at_the_last_moment(tmp_path: Path, monkeypatch) -> No
     for call in ("fsync", "replace"):  # delayed allocation reports the error later than write()
         with monkeypatch.context() as patch:
             patch.setattr(os, call, full)
-            with pytest.raises(InputError, match="No space left"):
+            with refused("file.json", "No space left on device"):
                 write_json(path, {"a": 2})
     assert json.loads(path.read_text()) == {"a": 1}
     assert list(tmp_path.iterdir()) == [path]
