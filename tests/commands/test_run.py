@@ -15,6 +15,7 @@ from softdyn.controllers import Gains
 from softdyn.validation import Log, paper, simulate
 from tests.support import PATIENCE, ROOT, SCRIPTS
 from tests.support.command import command, of_itself
+from tests.support.forked import forked
 
 KEYS = {
     "record",
@@ -130,8 +131,11 @@ def test_the_run_is_single_threaded(folder):
         "import os\nclass Look:\n"
         "    def __init__(self, model): raise ValueError(os.environ['OMP_NUM_THREADS'])\n"
     )
-    done = script("run.py", "finger", "own.py:Look", "--theta", "0", cwd=folder)
-    assert "ValueError in line 3: 1" in done.stderr
+    process = forked(
+        "run", "finger", "own.py:Look", "--theta", "0",
+        env={"OMP_NUM_THREADS": "2"}, cwd=folder, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    assert "ValueError in line 3: 1" in process.communicate()[1]
 
 
 # --- in this process ----------------------------------------------------------------------------

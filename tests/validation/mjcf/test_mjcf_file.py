@@ -2,7 +2,6 @@
 
 import builtins
 import subprocess
-import sys
 from pathlib import Path
 
 import mujoco
@@ -15,7 +14,8 @@ from softdyn.validation.mjcf.comparison.comparison import compare
 from softdyn.validation.mjcf.comparison.dynamics import States, evaluate
 from softdyn.validation.mjcf.comparison.side import neutral
 from softdyn.validation.mjcf.mjcf_file import read_mjcf
-from tests.support import SCRIPTS, pair_robots
+from tests.support import pair_robots
+from tests.support.forked import forked
 from tests.support.refused import refused
 
 BODY = '<body><joint name="j"/><inertial pos="0 0 1" mass="1" diaginertia="1 1 1"/>{}</body>'
@@ -139,11 +139,12 @@ def test_a_million_bodies(folder):
 def test_the_command_says_it_in_one_line(folder):
     path = folder / "hostile.xml"
     path.write_text(HOSTILE["include above"])
-    command = [sys.executable, str(SCRIPTS / "compare.py"), "finger", str(path)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
-    assert "hostile.xml" in done.stderr
-    assert "include" in done.stderr
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = forked("compare", "finger", path, cwd=folder, **pipes)
+    out, err = process.communicate()
+    assert (process.returncode, out, err.count("\n")) == (2, "", 1)
+    assert "hostile.xml" in err
+    assert "include" in err
     assert not (folder / "MUJOCO_LOG.TXT").exists()
 
 
