@@ -21,7 +21,7 @@ help:
 	@echo "make test-oldest   the tests with the oldest packages that pyproject.toml admits"
 	@echo "make test-pythons  the tests with each supported Python that is found"
 	@echo "make mutants  a seeded sample of planted faults, each against its tests; goes on where it was"
-	@echo "make lint   ruff, mypy, that imports point one way, and the plan of the house"
+	@echo "make lint   ruff, mypy, that imports point one way, the plan of the house and its tests"
 	@echo "make docs   the documentation as a site: open build/docs/index.html"
 	@echo "make count  what the wheel and the proof hold: lines, kernels, constants, commands, names"
 	@echo "make clean  remove the virtual environment and build leftovers"
@@ -63,6 +63,7 @@ lint: $(CHECKS)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python .ci/house.py
+	$(BIN)/python -m pytest .ci
 
 docs: $(CHECKS)
 	$(BIN)/python -m tests.proof gallery

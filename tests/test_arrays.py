@@ -10,6 +10,7 @@ import pytest
 
 from softdyn import InputError, arrays
 from softdyn.arrays import read_npz
+from tests.support.refused import refused
 
 
 def npy(array: np.ndarray) -> bytes:
@@ -51,7 +52,7 @@ def test_what_was_saved_comes_back(tmp_path):
 def test_a_header_that_lies_takes_no_memory(tmp_path, content):
     path = write(tmp_path / "x.npz", [("a.npy", content)])
     tracemalloc.start()
-    with pytest.raises(InputError, match=r"x\.npz: expected arrays, got") as error:
+    with refused("x.npz") as error:
         read_npz(path, "arrays")
     assert tracemalloc.get_traced_memory()[1] < 2_000_000
     tracemalloc.stop()
@@ -64,7 +65,7 @@ def test_a_zip_bomb_takes_no_memory(tmp_path, monkeypatch):
     path = write(tmp_path / "x.npz", [("a.npy", each), ("b.npy", each)])
     assert path.stat().st_size < 50_000
     tracemalloc.start()
-    with pytest.raises(InputError, match="more than 10000000 bytes"):
+    with refused("x.npz", "more than 10000000 bytes"):
         read_npz(path, "arrays")
     assert tracemalloc.get_traced_memory()[1] < 2_000_000
     tracemalloc.stop()
@@ -77,7 +78,7 @@ def test_an_entry_twice_and_other_compressions_are_refused(tmp_path):
         ([("a.npy", one), ("a.npy", one)], zipfile.ZIP_STORED),
         ([("a.npy", one)], zipfile.ZIP_LZMA),
     ):
-        with pytest.raises(InputError, match="expected arrays"):
+        with refused("x.npz"):
             read_npz(write(tmp_path / "x.npz", entries, method), "arrays")
 
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from softdyn import InputError
 from softdyn.checks import array, beyond, number, vector
+from tests.support.refused import refused
 
 
 @pytest.mark.parametrize("value", [2, 2.0, np.float32(2), np.int8(2), np.float64(2)])
@@ -20,15 +20,15 @@ def test_numbers_become_floats(value):
     "value", [math.nan, math.inf, "2", None, True, np.True_, 2j, [2.0], np.array(2.0), 10**400]
 )
 def test_what_is_no_number(value):
-    with pytest.raises(InputError, match=r"^x: expected a finite number, got "):
+    with refused("x"):
         number("x", value)
 
 
 def test_bounds_of_numbers():
     assert number("x", 0.0, lower=0.0) == 0.0
-    with pytest.raises(InputError, match=r"a finite number >= 0, got -1"):
+    with refused("x", -1):
         number("x", -1, lower=0.0)
-    with pytest.raises(InputError, match=r"a finite number > 0, got 0"):
+    with refused("x", 0):
         number("x", 0, above=0.0)
 
 
@@ -49,7 +49,7 @@ def test_arrays_are_read_only_copies():
 )  # fmt: skip
 def test_what_is_no_array(value):
     for check, size in ((array, (2,)), (vector, 2)):
-        with pytest.raises(InputError, match=r"^x: expected finite numbers of shape \(2,\), got "):
+        with refused("x"):
             check("x", value, size)
 
 
@@ -69,15 +69,15 @@ def test_infinities_on_request():
 def test_a_mask_that_hides_something_is_refused():
     hidden = np.ma.masked_array([1.0, 2.0], [True, False])
     for value in (hidden, hidden[::-1]):
-        with pytest.raises(InputError, match="expected finite numbers of shape"):
+        with refused("x", "a mask that hides some"):
             array("x", value, (2,))
-    with pytest.raises(InputError, match="a mask that hides some"):
+    with refused("x", "a mask that hides some"):
         vector("x", hidden, 2)
     assert array("x", np.ma.masked_array([1.0, 2.0]), (2,)).tolist() == [1.0, 2.0]
 
 
 def test_a_number_of_thousands_of_digits_is_refused():
-    with pytest.raises(InputError, match="thousands of digits"):
+    with refused("x", "a number of thousands of digits"):
         number("x", 10**5000)
 
 

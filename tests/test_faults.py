@@ -21,12 +21,13 @@ from pathlib import Path
 
 import pytest
 
-from softdyn import InputError
 from softdyn.commands import rollout, run
 from softdyn.validation import Log
 from softdyn.validation.files import atomic, write_json, write_text
 from tests.support import PATIENCE, ROOT
 from tests.support.command import command, of_itself
+from tests.support.forked import forked
+from tests.support.refused import refused
 from tests.support.sweeps import wait_for
 
 RUN = ["scripts/run.py", "finger", "ic", "--theta", "0.5", "--duration", "0.5"]
@@ -140,7 +141,7 @@ def test_a_full_disk_behind_stdout_is_no_success(monkeypatch, capsys) -> None:
 def test_every_length_at_which_a_write_may_stop(kept: int, tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_bytes(b"before")
-    with small_files(kept), pytest.raises(InputError, match="File too large"):
+    with small_files(kept), refused("file", "File too large"):
         write_text(path, "x" * 4097)
     assert path.read_bytes() == b"before"
     assert list(tmp_path.iterdir()) == [path]
@@ -156,7 +157,7 @@ def test_a_disk_that_fills_at_the_last_moment(tmp_path: Path, monkeypatch) -> No
     for call in ("fsync", "replace"):  # delayed allocation reports the error later than write()
         with monkeypatch.context() as patch:
             patch.setattr(os, call, full)
-            with pytest.raises(InputError, match="No space left"):
+            with refused("file.json", "No space left on device"):
                 write_json(path, {"a": 2})
     assert json.loads(path.read_text()) == {"a": 1}
     assert list(tmp_path.iterdir()) == [path]
@@ -207,16 +208,11 @@ class Slow:
 """
 
 
-def interruptible() -> None:
-    """Enable SIGINT, which a shell's background jobs and their children ignore."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
 def test_a_run_that_is_interrupted_keeps_what_it_has(tmp_path: Path) -> None:
     (tmp_path / "slow.py").write_text(SLOW)
     target = tmp_path / "run.npz"
-    command = ["scripts/run.py", "finger", f"{tmp_path}/slow.py:Slow", "--theta", "0.5"]
-    process = start([*command, "--log", str(target)], preexec_fn=interruptible)
+    words = ("run", "finger", f"{tmp_path}/slow.py:Slow", "--theta", "0.5", "--log", target)
+    process = forked(*words, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     wait_for((tmp_path / "began").exists)
     process.send_signal(signal.SIGINT)
     code, out, err = finish(process)
@@ -232,7 +228,8 @@ def test_a_run_that_is_interrupted_keeps_what_it_has(tmp_path: Path) -> None:
 def test_two_runs_into_one_file(tmp_path: Path) -> None:
     """The file of the last run remains, complete."""
     path = tmp_path / "run.npz"
-    processes = [start([*RUN, "--log", str(path)]) for _ in range(2)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    processes = [forked("run", *RUN[1:], "--log", path, **pipes) for _ in range(2)]
     for process in processes:
         code, _, err = finish(process)
         assert (code in (0, 1), of_itself(err)) == (True, "")

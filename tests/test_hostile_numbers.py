@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import softdyn
-from softdyn import InputError, Reference, SetPoint, SoftdynError, SoftModel, State
+from softdyn import Reference, SetPoint, SoftdynError, SoftModel, State
 from softdyn.controllers import CONTROLLERS, Command, Gains, Status
 from softdyn.description.rig import Actuator
 from softdyn.dynamics.integrators import step_implicit, step_rk4
@@ -26,6 +26,7 @@ from softdyn.validation import simulate
 from tests.proof import hostile as worst
 from tests.proof.timing import hostile
 from tests.support.control_cases import BUNDLED, GAINS, drawn, robot
+from tests.support.refused import refused
 
 ROBOTS = ("finger", "spirob", "sliding and turning", "two identical tendons", "a fixed input")
 every_controller = pytest.mark.parametrize("name", sorted(CONTROLLERS))
@@ -118,12 +119,12 @@ def test_huge_numbers_are_no_warnings() -> None:
 def test_what_is_no_state_or_reference_is_refused(name: str) -> None:
     controller, (state, goal) = controller_of(name, "finger"), drawn("finger")[0]
     for wrong in (None, 0.0, np.zeros(8), "state", (state.q, state.v), goal, robot("finger")):
-        with pytest.raises(InputError, match=r"^state: expected a State"):
+        with refused("state"):
             controller(wrong, goal)
-    with pytest.raises(InputError, match=r"own robot, with 2 inputs, got one of 'spirob' with 3"):
+    with refused("state", "one of 'spirob' with 3 inputs, of …"):
         controller(drawn("spirob")[0][0], goal)
     for wrong in (None, [0.1, 0, 0], np.zeros(3), "here", lambda t: goal):
-        with pytest.raises(InputError, match=r"^reference: expected a Reference"):
+        with refused("reference"):
             controller(state, wrong)
     assert ask(controller, state, goal).status is Status.OK
 
@@ -132,16 +133,16 @@ def test_what_is_no_state_or_reference_is_refused(name: str) -> None:
 def test_another_robot_s_state_is_refused_and_a_copy_s_is_not(name: str, tmp_path: Path) -> None:
     controller, goal = controller_of(name, "spirob"), drawn("spirob")[0][1]
     other = drawn("spirob48")[0][0]  # of as many inputs
-    with pytest.raises(InputError, match=r"own robot, with 3 inputs, got one of 'spirob48' with 3"):
+    with refused("state", "one of 'spirob48' with 3 inputs, of …"):
         controller(other, goal)
     path = robot("spirob").robot.path
     stiffer = tmp_path / "stiffer.urdf"
     stiffer.write_text(path.read_text().replace("springStiffness>0.1<", "springStiffness>0.2<", 1))
     assert stiffer.read_text() != path.read_text()
     changed = softdyn.load(stiffer)
-    with pytest.raises(InputError, match=r"stiffer\.urdf"):
+    with refused("state"):
         controller(changed.state(changed.q0, np.zeros(changed.nv)), goal)
-    with pytest.raises(InputError, match="own robot"):
+    with refused("state"):
         simulate(changed, controller, SetPoint(goal.y), duration=0.01)
     (tmp_path / "same.urdf").write_text(path.read_text())
     for model in (copy.deepcopy(robot("spirob")), softdyn.load(tmp_path / "same.urdf")):
@@ -165,7 +166,7 @@ def test_a_state_refuses_wrong_arrays_and_takes_right_ones_in_any_form(name: str
     state, goal = drawn("sliding and turning")[4]
     right = getattr(state, name)
     for wrong in wrong_arrays(right):
-        with pytest.raises(InputError, match=f"^{name}: expected"):
+        with refused(name):
             replace(state, **{name: wrong})
     forms = (right.tolist(), np.asfortranarray(right), np.repeat(right, 2, -1)[..., ::2])
     for form in (*forms, right.astype(np.longdouble)):
@@ -184,7 +185,7 @@ def test_a_state_refuses_wrong_arrays_and_takes_right_ones_in_any_form(name: str
 def test_references_refuse_wrong_arrays(name: str) -> None:
     bad = [np.full(3, value) for value in (np.nan, np.inf, -np.inf)]
     for wrong in [*wrong_arrays(np.ones(3)), *bad, [1.0, 2.0, "3"]]:
-        with pytest.raises(InputError, match=f"^{name}: expected"):
+        with refused(name):
             Reference(**{"y": np.zeros(3), name: wrong})
 
 
@@ -209,11 +210,11 @@ def test_the_model_refuses_wrong_arguments(method: str) -> None:
     q, v = model.q0, np.zeros(model.nv)
     bad = [[*wrong_arrays(x), np.full(x.shape, np.nan), np.full(x.shape, np.inf)] for x in (q, v)]
     for wrong in [*bad[0], [10**400] * model.nq]:
-        with pytest.raises(InputError, match=r"^q: expected"):
+        with refused("q"):
             call(model, method, wrong, v)
     if method in ("state", "coriolis", "integrate", "forward_dynamics", "kinetic_energy"):
         for wrong in bad[1]:
-            with pytest.raises(InputError, match=r"^d?v: expected"):
+            with refused("dv" if method == "integrate" else "v"):
                 call(model, method, q, wrong)
 
 
@@ -223,14 +224,14 @@ def test_integrators_refuse_wrong_arguments(step) -> None:
     right = {"q": model.q0, "v": np.zeros(model.nv), "u": np.zeros(model.nu)}
     for name, value in right.items():
         for wrong in [*wrong_arrays(value), value + np.nan, value + np.inf]:
-            with pytest.raises(InputError, match=f"^{name}: expected"):
+            with refused(name):
                 step(model, **{**right, name: wrong}, h=1e-3)
     for wrong in (np.nan, np.inf, None, "1", [1e-3], 1j):
-        with pytest.raises(InputError, match=r"^h: expected a finite number"):
+        with refused("h"):
             step(model, **right, h=wrong)
     q, _ = step(model, **right, h=5e-324)  # the smallest step there is
     np.testing.assert_allclose(q, model.q0, atol=1e-300)
-    with np.errstate(all="ignore"), pytest.raises(InputError, match="finite"):
+    with np.errstate(all="ignore"), refused("dv" if step is step_implicit else "v"):
         step(model, model.q0, np.full(model.nv, 1e200), np.zeros(model.nu), 1e-3)
 
 
@@ -243,7 +244,7 @@ def test_bounds_that_no_input_meets_are_refused(name: str, bounds: tuple[float, 
     parsed = robot("finger").robot
     crossed = tuple(Actuator(a.name, a.tendon, a.gear, *bounds) for a in parsed.actuators)
     model = softdyn.build(replace(parsed, actuators=crossed))
-    with pytest.raises(InputError, match=r"^model: expected finite input bounds, lower <= upper"):
+    with refused("model"):
         CONTROLLERS[name](model, GAINS)
 
 
@@ -261,7 +262,7 @@ def test_bounds_that_one_input_meets_are_met(name: str) -> None:
 @pytest.mark.parametrize("field", [field.name for field in fields(Gains)])
 def test_gains_that_are_no_numbers_are_refused(field: str) -> None:
     for wrong in (np.nan, np.inf, -np.inf, -1.0, "5", None, [1.0], 1j, True):
-        with pytest.raises(InputError, match=rf"^gains\.{field}: expected"):
+        with refused(f"gains.{field}"):
             Gains(**{"Kp": 100.0, field: wrong})
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from softdyn import Ellipse, InputError, Reference, SetPoint
+from tests.support.refused import refused
 
 NAN, INF = math.nan, math.inf
 ELLIPSE = Ellipse(a=0.08, b=0.03, c=0.21, phi=0.7, omega=0.4, start=0.3)
@@ -22,7 +23,7 @@ HOSTILE_NUMBERS = [NAN, INF, -INF, "1", None, [1.0], 1j, True, 10**400]
 @pytest.mark.parametrize("name", ["y", "ydot", "yddot"])
 def test_reference_refuses(name, value):
     arguments = {"y": np.zeros(3), "ydot": np.zeros(3), "yddot": np.zeros(3), name: value}
-    with pytest.raises(InputError, match=f"^{name}: expected"):
+    with refused(name):
         Reference(**arguments)
 
 
@@ -107,7 +108,7 @@ def test_resting_ellipse_has_no_velocity():
 @pytest.mark.parametrize("value", HOSTILE_NUMBERS, ids=lambda v: str(v)[:9])
 @pytest.mark.parametrize("name", ["a", "b", "c", "phi", "omega", "start"])
 def test_ellipse_refuses(name, value):
-    with pytest.raises(InputError, match=f"^{name}: expected"):
+    with refused(name):
         Ellipse(**{"a": 0.1, "b": 0.1, "c": 0.1, name: value})
 
 
@@ -122,11 +123,11 @@ def test_ellipse_refuses_no_size_and_overflow(changes):
 @pytest.mark.parametrize("t", [NAN, INF, -INF, "1", None, [1.0, 2.0], 1j, 1e308 * 10])
 def test_ellipse_refuses_hostile_times(t):
     for ellipse in (ELLIPSE, Ellipse(0.1, 0.1, 0.1)):
-        with pytest.raises(InputError, match=r"^t: expected"):
+        with refused("t"):
             ellipse(t)
 
 
 @pytest.mark.parametrize("theta", [NAN, INF, "0.5", None])
 def test_point_refuses(theta):
-    with pytest.raises(InputError, match=r"^theta: expected"):
+    with refused("theta"):
         ELLIPSE.point(theta)

@@ -16,6 +16,7 @@ from softdyn.description.robot import NO_FLUID
 from softdyn.design import log_spiral
 from softdyn.tasks import PointTask
 from softdyn.validation import StateMap, Twin
+from tests.support.refused import refused
 
 MODEL = softdyn.load("finger")
 REST = statics.rest(MODEL)
@@ -234,7 +235,7 @@ def test_the_table_lists_the_public_functions():
 
 
 def test_a_guess_is_a_pair():
-    with pytest.raises(InputError, match=r"^guesses: expected pairs \(q, u\)"):
+    with refused("guesses", "(array([0., 0., 0., 0.]), array([-0.1, -0.1]), array([-0.1,…"):
         statics.inputs_for_tip(MODEL, TIP, guesses=[(Q, U, U)])
 
 
@@ -242,38 +243,43 @@ def test_a_section_knows_its_freedoms():
     for given in ({"freedoms": ("bend_x",)}, {"rest": {"bend_x": 1.0}}):
         section = design.Section(0.2, 0.01, RUBBER, **given)
         (name,) = given
-        with pytest.raises(InputError, match=rf"^{name}: .*'bend_x'; did you mean 'bend_"):
+        with refused(name, "'bend_x'; did you mean 'bend_z'?"):
             design.lay_out(design.Arm((section,)))
-    with pytest.raises(InputError, match=r"^freedoms: expected at least one, got none$"):
+    with refused("freedoms", "none"):
         design.Section(0.2, 0.01, RUBBER, freedoms=())
-    with pytest.raises(InputError, match=r"^radius: expected a number, or numbers from end"):
+    with refused("radius", "[]"):
         design.Section(0.2, [], RUBBER)
 
 
 def test_a_basis_of_wrong_names_or_shape_is_refused():
-    for matrix, joints, names in (
-        (np.eye(4), None, "abcd"), (np.eye(4), MODEL.joint_names, [1, 2, 3, 4]),
-        ("x", MODEL.joint_names, ("a",)), (np.eye(3), MODEL.joint_names, ("a", "b", "c")),
-    ):  # fmt: skip
-        with pytest.raises(InputError, match=r"^basis"):
+    for place, matrix, joints, names in (
+        ("basis.joints", np.eye(4), None, "abcd"),
+        ("basis.names[0]", np.eye(4), MODEL.joint_names, [1, 2, 3, 4]),
+        ("basis", "x", MODEL.joint_names, ("a",)),
+        ("basis", np.eye(3), MODEL.joint_names, ("a", "b", "c")),
+    ):
+        with refused(place):
             softdyn.reduce(MODEL, softdyn.Basis(matrix, joints, names))
+
+
+JOINTS = MODEL.joint_names
 
 
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ({"called": {"joint1": 0}}, r"^called: expected a joint for each of joint1, "),
+        ({"called": {"joint1": 0}}, ("called", "{'joint1': 0}")),
         (
-            {"called": dict.fromkeys(MODEL.joint_names, 9)},
-            r"^called\['joint\d'\]: .*one of 4 joints",
+            {"called": {n: k for k, n in enumerate(JOINTS)} | {"joint2": 9}},
+            ("called['joint2']", 9),
         ),
-        ({"turns": {"joint9": (1, 0)}}, r"^turns: .*'joint9'; did you mean 'joint"),
-        ({"turns": {"joint1": (1, 0, 0)}}, r"^turns\['joint1'\]: expected \(sense, zero\)"),
-        ({"turns": {"joint1": (1, "x")}}, r"^turns\['joint1'\]: expected a finite number"),
+        ({"turns": {"joint9": (1, 0)}}, ("turns", "'joint9'; did you mean 'joint4'?")),
+        ({"turns": {"joint1": (1, 0, 0)}}, ("turns['joint1']", "(1, 0, 0)")),
+        ({"turns": {"joint1": (1, "x")}}, ("turns['joint1']", "'x'")),
     ],
 )
 def test_a_map_of_other_joints_is_refused(given, text):
-    with pytest.raises(InputError, match=text):
+    with refused(*text):
         StateMap(MODEL, TWIN, **given)
 
 
@@ -285,15 +291,15 @@ def test_a_diverged_plant_is_still_read():
 
 def test_data_of_another_robot_are_refused():
     other = softdyn.load("spirob")
-    with pytest.raises(InputError, match=r"^data: expected 3 inputs, as 'spirob' has, got 2$"):
+    with refused("data", 2):
         identification.identify(other, DATA, identification.parameters(other, "stiffness"))
     names = ("q.joint1", "q.joint2", "q.joint3", "q.elbow")
     data = identification.Measurements(TIMES, np.zeros((30, 2)), names, ANGLES)
-    with pytest.raises(InputError, match=r"^data: expected outputs of 'finger', got 'q.elbow'"):
+    with refused("data", "'q.elbow'"):
         identification.identify(MODEL, data, UNKNOWNS)
 
 
 @pytest.mark.parametrize("step", [0, -1.0, np.nan])
 def test_a_step_that_is_none_is_refused(step):
-    with pytest.raises(InputError, match=r"^step: expected a number > 0, got "):
+    with refused("step"):
         identification.identify(MODEL, DATA, UNKNOWNS, step=step)

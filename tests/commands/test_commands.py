@@ -1,15 +1,19 @@
 """One name for all commands."""
 
+import importlib
+import itertools
 import os
 import re
 import subprocess
 import sys
 import tomllib
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
 from softdyn.commands import __main__ as softdyn_command
+from softdyn.commands import cli
 from softdyn.commands.__main__ import NAMES, main
 from tests.support import ROOT, SCRIPTS, preloaded
 from tests.support.command import command
@@ -40,6 +44,59 @@ def test_help_names_the_command(name, capsys):
             main([typed, "--help"])
         assert stop.value.code == 0
         assert capsys.readouterr().out.startswith(f"usage: softdyn {spelt} ")
+
+
+def test_help_of_all_commands_imports_nothing_heavy():
+    code = (
+        "import sys, importlib\n"
+        f"for name in {NAMES}:\n"
+        "    try: importlib.import_module(f'softdyn.commands.{name}').main(['--help'])\n"
+        "    except SystemExit as stop: assert stop.code == 0\n"
+        "    loaded = {'mujoco', 'pinocchio', 'tqdm', 'joblib', 'numpy'} & set(sys.modules)\n"
+        "    assert not loaded, (name, loaded)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def said_by(parser, words, capsys) -> str:
+    """The one line on stderr with which a parser refuses words."""
+    with pytest.raises(SystemExit) as stop:
+        parser.parse_args(words)
+    out, err = capsys.readouterr()
+    assert (stop.value.code, out, err.count("\n")) == (2, "", 1), words
+    return err
+
+
+def called(action) -> list[str]:
+    """An option with as many values as it takes."""
+    count = action.nargs if isinstance(action.nargs, int) else 1
+    return [action.option_strings[0], *count * ["1"]]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_parser_refuses_what_its_options_do_not_take(name, capsys):
+    """Each command's parser: values of another kind or number, choices, groups, what is missing."""
+    parser = importlib.import_module(f"softdyn.commands.{name}").parser
+    options = [one for one in parser._actions if one.option_strings]
+    for one in options:
+        flag, spelt = one.option_strings[0], f"error: argument {'/'.join(one.option_strings)}: "
+        if one.choices or one.type not in (None, str, Path):
+            least = ["x"] * (one.nargs if isinstance(one.nargs, int) else 1)
+            assert said_by(parser, [flag, *least], capsys).startswith(spelt), flag
+        for word in {cli.positive: ("0", "-1", "nan"), cli.count: ("0", "1.5"),
+                     cli.whole: ("-1",), cli.finite: ("nan", "inf")}.get(one.type, ()):  # fmt: skip
+            wrong = [word] * (one.nargs if isinstance(one.nargs, int) else 1)
+            assert f"got '{word}'" in said_by(parser, [flag, *wrong], capsys), flag
+        if one.nargs not in (0, "?", "*"):
+            assert said_by(parser, [flag], capsys).startswith(spelt + "expected "), flag
+    for group in parser._mutually_exclusive_groups:
+        for one, other in itertools.pairwise(group._group_actions):
+            assert "not allowed with" in said_by(parser, [*called(one), *called(other)], capsys)
+    needed = [one.dest for one in parser._actions if one.required]
+    if needed or any(group.required for group in parser._mutually_exclusive_groups):
+        assert "required" in said_by(parser, [], capsys)
+    assert "--help lists, got '--zzz'" in said_by(parser, ["--zzz"], capsys)
 
 
 @pytest.mark.parametrize(

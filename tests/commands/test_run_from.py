@@ -127,7 +127,6 @@ def test_a_case_of_a_sweep_is_repeated(home):
 @pytest.mark.parametrize(("arguments", "expected"), [
     (["finger", "ic"], "not allowed with a ROBOT"),
     (["--targets", "none.csv"], "none.csv"),
-    (["--integrator", "heun"], "invalid choice"),
 ])  # fmt: skip
 def test_what_a_record_has_is_not_given_again(home, arguments, expected):
     code, _, err = command("run", "--from", "run.npz", *arguments)

@@ -16,7 +16,7 @@ import numpy as np
 import psutil
 import pytest
 
-from softdyn import Ellipse, InputError, SetPoint, load, statics
+from softdyn import Ellipse, SetPoint, load, statics
 from softdyn.controllers import Compensated, SafetyFilter, SoftIdClfQp, best
 from softdyn.controllers.barriers import JointLimits
 from softdyn.controllers.controller import waiting
@@ -26,6 +26,7 @@ from softdyn.controllers.predictive.rest_target import RestTargets
 from softdyn.controllers.predictive.supervisor import ARRIVES, STUCK
 from softdyn.validation import Rig, paper, simulate
 from softdyn.validation.twin.plant_errors import PlantErrors
+from tests.support.refused import refused
 
 GOAL = SetPoint([0.17, 0.0, -0.14])  # that a robot that does not move misses
 T = 0.01
@@ -193,7 +194,7 @@ def test_a_prepared_loop_has_its_target_at_a_stated_step(monkeypatch) -> None:
     found = np.isfinite([one.distance for one in calls(controller, model, GOAL, 160)])
     assert abs(np.flatnonzero(found)[0] - (STUCK + ARRIVES) / T) <= 1
     for laws in (best(model), SoftIdClfQp(model)):
-        with pytest.raises(InputError, match="reference: expected a Reference"):
+        with refused("reference", "[0.0, 0.0, 1.0]"):
             laws.prepare([0.0, 0.0, 1.0])
 
 

@@ -30,6 +30,7 @@ from softdyn.controllers.controller import GuardedController
 from softdyn.controllers.schedule import tuned
 from softdyn.description import library as catalogue
 from tests.support.control_cases import BUNDLED, GAINS, MICRO, drawn, recorded, robot
+from tests.support.refused import refused
 
 PATIENCE = 10.0  # s of processor time per call; a hang takes at least 25 s at every call
 CLASSES = sorted(CONTROLLERS)
@@ -214,20 +215,20 @@ def test_a_copy_of_a_bundled_file_has_no_published_gains(
     source = catalogue.BUNDLED
     copy = tmp_path / f"{which}.urdf"
     shutil.copy(source / copy.name, copy)
-    with pytest.raises(InputError, match=r"^This controller needs gains for "):
+    with refused("gains", None):
         CONTROLLERS[name](softdyn.load(copy))
 
 
 @every_published
 @pytest.mark.parametrize("gains", [5.0, "500", {"Kp": 500}, (500,), [], object(), Gains])
 def test_gains_of_another_kind_are_refused(name: str, gains: object) -> None:
-    with pytest.raises(InputError, match="gains"):
+    with refused("gains"):
         CONTROLLERS[name](robot("finger"), gains)
 
 
 @pytest.mark.parametrize("law", [*CONTROLLERS.values(), *BEYOND.values(), Staged])
 def test_what_is_no_model_is_refused(law: Any) -> None:
-    with pytest.raises(InputError, match=r"model: expected a model, from softdyn.load\(…\), got"):
+    with refused("model", "'finger'"):
         law("finger")
 
 
@@ -237,7 +238,7 @@ def test_a_robot_without_inputs_is_refused(name: str, tmp_path: Path) -> None:
     lines = [line for line in text.splitlines() if "<actuator" not in line]
     path = tmp_path / "passive.urdf"
     path.write_text("\n".join(lines))
-    with pytest.raises(InputError, match="actuator"):
+    with refused("model", "none"):
         CONTROLLERS[name](softdyn.load(path), GAINS)
 
 
@@ -277,7 +278,7 @@ def test_the_guard_is_the_only_way_in(name: str) -> None:
         methods = {key for key, value in public.items() if inspect.ismethod(value)}
         # those without a State
         assert methods - {"follow", "among", "applied", "prepare"} == {"reset"}
-        with pytest.raises(InputError, match="state: expected a State of the controller's own"):
+        with refused("state", "one of 'finger' with 2 inputs, of …"):
             one(other, goal)
 
 
@@ -303,7 +304,7 @@ def test_the_guard() -> None:
     with pytest.raises(ValueError, match="read-only"):
         good.u[0] = 7.0
     for u in (np.zeros(1), np.zeros(3)):
-        with pytest.raises(InputError, match="shape"):
+        with refused("u"):
             guard.accept(u, 1.0, 0.0)
 
 
@@ -316,5 +317,5 @@ def test_the_guard_admits_the_answers_of_any_controller() -> None:
     np.testing.assert_array_equal(guard.admit([-1.5, 2.25]), [-1.0, 2.25])
     assert guard.max_bound_violation == 0.5
     for bad in ([0.0], [0.0, np.nan], [[0.0, 2.0]], "up", None):
-        with pytest.raises(InputError, match="u: expected finite numbers of shape"):
+        with refused("u"):
             guard.admit(bad)

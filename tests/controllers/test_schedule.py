@@ -29,6 +29,7 @@ from softdyn.controllers.staged import best
 from softdyn.description import library as catalogue
 from softdyn.validation import paper, simulate
 from tests.support.control_cases import GAINS, drawn, recorded, robot
+from tests.support.refused import refused
 
 SLOW, FAST = Gains(Kp=50.0, eps=0.2), Gains(Kp=900.0, eps=0.02)
 SCHEDULE = Schedule(Stage(FAST, 0.02), Stage(SLOW, 0.1), arrive=0.01, leave=0.05, dwell=0.1)
@@ -70,7 +71,7 @@ def test_both_stages_share_a_guard() -> None:
     assert law.guard.fallbacks == 0
     assert law.period == 0.01
     for period in (0.0, -0.01, float("nan"), "0.01", None):
-        with pytest.raises(InputError, match="period: expected a finite number > 0"):
+        with refused("period"):
             law.reset(period)
 
 
@@ -112,10 +113,10 @@ def test_other_robots_need_no_gains(tmp_path: Path) -> None:
     other = softdyn.load(tmp_path / "finger.urdf")
     assert isinstance(best(other), Mpc)
     assert isinstance(best(other, SCHEDULE), Staged)
-    with pytest.raises(InputError, match="no tuned one"):
+    with refused("gains", None):
         Staged(other)
     for wrong in (5.0, 0, "x", GAINS, [], [1], object()):
-        with pytest.raises(InputError, match="gains"):
+        with refused("gains"):
             best(robot("finger"), wrong)
 
 
@@ -158,7 +159,7 @@ def test_best_knows_its_actuators() -> None:
     assert isinstance(law, Mpc)
     assert (law.actuation.lag, law.actuation.delay) == (0.02, 0.005)
     for wrong in (-1.0, math.nan, "x"):
-        with pytest.raises(InputError, match="lag"):
+        with refused("lag"):
             best(model, lag=wrong)
-    with pytest.raises(InputError, match="gains: expected none"):
+    with refused("gains", SCHEDULE):
         best(model, SCHEDULE, lag=0.01)

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from softdyn import InputError, Reference, SetPoint, SoftModel, State
+from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.controllers import CONTROLLERS, Gains, SoftIdClfQp
 from softdyn.tasks import (
     AxisTask,
@@ -33,6 +33,7 @@ from tests.proof.paper import paper_qps
 from tests.proof.paper.paper_qps import TaskTerms
 from tests.proof.paper.solvers import LeastNorm, Quadprog, Unsolved, unknowns
 from tests.support.control_cases import drawn, gains_of, robot
+from tests.support.refused import refused
 
 RIDGE = 1e-7  # of the proximal iteration on CLF-QP's semidefinite QP
 
@@ -195,15 +196,16 @@ class Crooked(Height):
 
 
 @pytest.mark.parametrize(("tasks", "expected"), [
-    ([], "a task or more"), ([PointTask("tip"), PointTask("tip")], "'tip' twice"),
-    ("tip", "a sequence"), ([1], "Task"), (3, "a sequence"),
-    ([Crooked(name="h", target=Target([0.0]))], "an error of 2 rows"),
-    ([OrientationTask("tip")], "a target of task 'tip.orientation'"),
-    ([PointTask("tipp")], "a link of"), ([JointTask(["joint9"], target=Target([0.0]))], "joint"),
+    ([], ("tasks", "none")), ([PointTask("tip"), PointTask("tip")], ("tasks", "'tip' twice")),
+    ("tip", ("tasks", )), ([1], ("tasks[0]", 1)), (3, ("tasks", )),
+    ([Crooked(name="h", target=Target([0.0]))], ("task 'h'", "[(1,), (1,), (1, 4), (1,)]")),
+    ([OrientationTask("tip")], ("reference", "a plain reference")),
+    ([PointTask("tipp")], ("link", "'tipp'; did you mean 'tip'?")),
+    ([JointTask(["joint9"], target=Target([0.0]))], ("joints", "'joint9'; did you mean 'joint4'?")),
 ])  # fmt: skip
 def test_every_misuse_is_one_line(tasks, expected) -> None:
     state, reference = drawn("finger")[0]
-    with pytest.raises(InputError, match=expected) as caught:
+    with refused(*expected) as caught:
         SoftIdClfQp(robot("finger"), tasks=tasks)(state, reference)
     assert "\n" not in str(caught.value)
 

@@ -24,6 +24,7 @@ from tests.support import ROOT
 from tests.support.arms import THREE_SECTIONS
 from tests.support.command import command
 from tests.support.oracles import relative
+from tests.support.refused import refused
 
 SOFT_UR5 = ROOT / "docs/examples/soft_ur5.xml"
 MASSIVE = (
@@ -219,7 +220,7 @@ def test_a_material_of_two_colours_is_a_collision_and_one_of_one_colour_is_share
     ]  # fmt: skip
     assert '<joint name="t_bend"' in others[2]
     thumb.write_text(THUMB.replace("1 0.8 0.7 1", "0 0 1 1"))
-    with pytest.raises(InputError, match="materials 'skin'"):
+    with refused("prefix", "'': both have materials 'skin'"):
         design.attach(thumb, palm, "palm")
 
 
@@ -250,7 +251,7 @@ def test_two_robots_of_too_many_joints_are_refused(tmp_path):
     )
     path = tmp_path / "chain.urdf"
     path.write_text(f'<robot name="chain">{links}{joints}</robot>')
-    with pytest.raises(softdyn.UrdfError, match="at most 256 degrees of freedom"):
+    with refused("<robot>", 260, by=softdyn.UrdfError):
         design.attach(path, path, "l130", prefix="x_")
 
 

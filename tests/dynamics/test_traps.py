@@ -19,6 +19,7 @@ from softdyn import UrdfError, parse
 from softdyn.validation import Twin
 from softdyn.validation.twin.twin import SimulationError
 from tests.support.misuses import ARM, INERTIAL, LIMIT
+from tests.support.refused import refused
 
 
 def joint(name: str, parent: str, child: str, axis: str = "0 1 0") -> str:
@@ -83,7 +84,7 @@ def test_a_chain_that_would_overflow_the_stack_never_reaches_pinocchio(
     monkeypatch.setattr(pin, "buildModelFromXML", lambda *_: pytest.fail("it did"))
     path = tmp_path / "c.urdf"
     path.write_text(chain(count))
-    with pytest.raises(UrdfError, match=f"expected 1 to 1024 links, got {count}"):
+    with refused("<robot>", count, by=UrdfError):
         softdyn.load(path)
 
 
@@ -93,7 +94,7 @@ def test_degrees_of_freedom_are_counted_before_pinocchio_allocates(
     monkeypatch.setattr(pin, "buildModelFromXML", lambda *_: pytest.fail("it did"))
     path = tmp_path / "c.urdf"
     path.write_text(chain(301))
-    with pytest.raises(UrdfError, match="at most 256 degrees of freedom, got 300"):
+    with refused("<robot>", 300, by=UrdfError):
         softdyn.load(path)
 
 
@@ -104,7 +105,9 @@ def test_yourdfpy_returns_a_part_of_a_truncated_robot(tmp_path: Path) -> None:
     part = yourdfpy.URDF.load(str(path), **options).robot
     assert len(part.links) == 7
     assert len(part.joints) == 4
-    with pytest.raises(UrdfError, match="well-formed XML"):
+    with refused(
+        "file", "Premature end of data in tag robot line 1, line 27, column 3", by=UrdfError
+    ):
         parse(path)
 
 
@@ -141,9 +144,13 @@ def test_mujoco_does_not_start_anew_behind_our_back(value: float) -> None:
 @pytest.mark.parametrize(
     ("was", "becomes", "expected"),
     [
-        ('value="0.1"', 'value="0.2"', r"mass 0\.1 kg, its fixed links included"),
-        ('xyz="0 0 0.05"', 'xyz="0 0 0.051"', r"centre of mass 0 0 0\.05 m, its fixed links"),
-        ('izz="9e-5"', 'izz="9.1e-5"', r"inertia 9e-05 0 0 0 9e-05 0 0 0 9e-05 kg m\^2, its fixed"),
+        ('value="0.1"', 'value="0.2"', ('<link name="bob">', "0.2 kg in Pinocchio")),
+        ('xyz="0 0 0.05"', 'xyz="0 0 0.051"', ('<link name="bob">', "0 0 0.051 m in Pinocchio")),
+        (
+            'izz="9e-5"',
+            'izz="9.1e-5"',
+            ('<link name="bob">', "9e-05 0 0 0 9e-05 0 0 0 9.1e-05 kg m^2 in Pinocchio"),
+        ),
     ],
 )
 def test_a_body_that_pinocchio_reads_otherwise_is_refused(
@@ -157,7 +164,7 @@ def test_a_body_that_pinocchio_reads_otherwise_is_refused(
     parsed = parse(path)
     assert parsed.xml.count(was) == 1
     other = replace(parsed, xml=parsed.xml.replace(was, becomes))
-    with pytest.raises(UrdfError, match=expected) as caught:
+    with refused(*expected, by=UrdfError) as caught:
         softdyn.build(other)
     assert caught.value.element == '<link name="bob">'
     assert caught.value.got.endswith("in Pinocchio")
@@ -170,5 +177,5 @@ def test_pinocchio_misplaces_the_centre_of_very_light_bodies(tmp_path: Path) -> 
     weld = '<joint name="w" type="fixed"><parent link="bob"/><child link="pin"/></joint>'
     path = tmp_path / "r.urdf"
     path.write_text(robot(light, more=f'<link name="pin">{far}</link>{weld}'))
-    with pytest.raises(UrdfError, match=r"expected centre of mass 1\.525 0 0 m"):
+    with refused('<link name="bob">', "0.0121699 0 0 m in Pinocchio", by=UrdfError):
         softdyn.build(parse(path))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError, SoftModel
+from softdyn import SoftModel
 from softdyn.actuation import Winches
 from softdyn.description.rig import CommandKind
 from softdyn.dynamics.integrators import step_implicit
@@ -16,6 +16,7 @@ from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
 from tests.support.cart import CART, load
 from tests.support.oracles import relative
+from tests.support.refused import refused
 from tests.support.rigged import wound
 
 BAR = 1e-7
@@ -152,13 +153,13 @@ def test_a_robot_without_winches_has_its_commands_as_inputs():
 def test_wrong_arguments():
     model = softdyn.load("finger")
     winches, state = Winches(model), model.state(model.q0, np.zeros(4))
-    with pytest.raises(InputError, match=r"^commands: expected"):
+    with refused("commands"):
         winches.tensions(state, [1.0])
-    with pytest.raises(InputError, match=r"^commands: expected"):
+    with refused("commands"):
         winches.tensions(state, [1.0, np.nan])
-    with pytest.raises(InputError, match=r"^state: expected"):
+    with refused("state"):
         winches.commands(model.q0, [0.0, 0.0])
-    with pytest.raises(InputError, match=r"^model: expected"):
+    with refused("model"):
         Winches("finger")
 
 
@@ -170,7 +171,7 @@ def test_a_state_of_another_robot_is_refused():
     for other in (spirob, softdyn.build(replace(model.robot, tendons=tendons))):
         state = other.state(other.q0, np.zeros(other.nv))
         for use in (winches.tensions, winches.commands):
-            with pytest.raises(InputError, match=r"^state: expected a state of .*finger"):
+            with refused("state"):
                 use(state, np.zeros(2))
     again = softdyn.load("finger")
     assert not winches.tensions(again.state(again.q0, np.zeros(4)), np.zeros(2)).any()

@@ -31,6 +31,7 @@ from softdyn.validation.loop.log_checks import FORMAT
 from softdyn.validation.loop.recorded import RecordedRun
 from softdyn.validation.studies.sweep_file import read_sweep
 from tests.support import newest_log
+from tests.support.refused import refused
 
 HERE = Path(__file__).parent
 NEWEST_LOG = int(FORMAT.rpartition("-")[2])
@@ -194,7 +195,7 @@ def test_a_block_of_another_version_is_one_line_that_names_it(tmp_path):
 def test_tables_read_by_other_means_state_it_too():
     table = {"format": TOML} | tomllib.loads((HERE / "arm_1.toml").read_text("utf-8"))
     assert len(design.make_arm(table).sections) == 3
-    with pytest.raises(InputError, match="softdyn-toml-2"):
+    with refused("table", "softdyn-toml-2, of another version of softdyn"):
         design.make_arm(table | {"format": "softdyn-toml-2"})
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import root
 
-from softdyn import InputError, identification, statics
+from softdyn import identification, statics
 from softdyn.commands import identify as command
 from softdyn.identification import DesignFile, Measurements, compute_outputs
 from softdyn.identification.hints import hints, left_out
@@ -19,6 +19,7 @@ from softdyn.identification.trajectory import Start, follow
 from softdyn.identification.unknowns.kinds import Around
 from tests.identification.test_static import ARM, POINTS, written
 from tests.support import cart
+from tests.support.refused import refused
 
 SMALL = ARM.replace("segments = 6", "segments = 3")
 
@@ -177,5 +178,5 @@ def test_rows_left_out_and_refusals(tmp_path):
     residuals = left_out(found.fit, 3)
     assert np.isfinite(residuals).all()
     assert 0.8 < np.sqrt((residuals**2).mean() / (found.residuals**2).mean()) < 1.6
-    with pytest.raises(InputError, match="2 to 9 parts of static rows, 4 or more, got 10"):
+    with refused("folds", 10):
         left_out(found.fit, 10)

@@ -7,13 +7,14 @@ import pinocchio as pin
 import pytest
 
 import softdyn
-from softdyn import InputError, identification
+from softdyn import identification
 from softdyn.dynamics.mimic import build
 from softdyn.identification.markers import labels
 from softdyn.identification.markers.camera import CAMERA, MarkerView, kabsch, seen_at
 from softdyn.identification.markers.mistakes import check_frame, check_size, exchanged
 from softdyn.identification.markers.points import Marker, marked, read_points
 from softdyn.identification.outputs import compute_outputs
+from tests.support.refused import refused
 
 POINTS = """
 [[point]]
@@ -133,11 +134,11 @@ def test_a_moving_marker_keeps_its_name_through_gaps_and_new_names():
 
 def test_no_camera_from_two_markers_or_from_gaps():
     points = arm_points(np.random.default_rng(1), 3, 5)
-    with pytest.raises(InputError, match="3 to 7 markers that are all seen in some row, got 2"):
+    with refused("markers without names", "2, 3 such rows"):
         labels.match(points[:, :2], points[:, :2], None)
     gaps = points.copy()
     gaps[:, 0] = np.nan
-    with pytest.raises(InputError, match="got 5, 0 such rows"):
+    with refused("markers without names", "5, 0 such rows"):
         labels.match(points, gaps, None)
 
 
@@ -145,8 +146,9 @@ def test_no_camera_from_two_markers_or_from_gaps():
 def test_other_units(factor, unit):
     points = arm_points(np.random.default_rng(6))
     check_size(points, 1.4 * points)
-    with pytest.raises(InputError, match=f"metres, got distances between .*times.*: {unit}\\?"):
+    with refused("markers") as caught:
         check_size(points, factor * points[:, ::-1])
+    assert caught.value.got.endswith(f": {unit}?")
 
 
 def test_another_frame():
@@ -154,9 +156,9 @@ def test_another_frame():
     points = arm_points(rng)
     near = points + rng.normal(size=points.shape) * 0.02
     check_frame(points, near)
-    with pytest.raises(InputError, match="a frame that is turned by 90°"):
+    with refused("markers", "markers 372 mm away: a frame that is turned by 90°?…"):
         check_frame(points, seen_at(np.array([0.1, 0, 0, np.pi / 2, 0, 0]), near))
-    with pytest.raises(InputError, match="a frame that is moved"):
+    with refused("markers", "markers 995 mm away: a frame that is moved? --camera fit finds it"):
         check_frame(points, near + np.array([1.0, 0, 0]))
 
 
@@ -175,25 +177,28 @@ def test_exchanged_names():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", r"expected \[\[point\]\] or \[\[pose\]\], got none"),
-        ("[[point]]\nname='a'", "expected link or s_mm, got none"),
-        ("[[point]]\nname='a'\nlink='b'\ns_mm=3", "expected link or s_mm, got both"),
-        ("[[point]]\nname='a'\nlink='b'\nxyz=[0,0,0]", "xyz_mm"),
-        ("[[point]]\nname='a'\nlink='b'\n[[pose]]\nname='a'\nlink='b'", "each name once, got 'a'"),
+        ("", ("p.toml", "none")),
+        ("[[point]]\nname='a'", ("p.toml: [[point]] 1", "none")),
+        ("[[point]]\nname='a'\nlink='b'\ns_mm=3", ("p.toml: [[point]] 1", "both")),
+        (
+            "[[point]]\nname='a'\nlink='b'\nxyz=[0,0,0]",
+            ("p.toml: [[point]] 1: xyz", "'xyz'; did you mean 'xyz_m'?"),
+        ),
+        ("[[point]]\nname='a'\nlink='b'\n[[pose]]\nname='a'\nlink='b'", ("p.toml", "'a'")),
     ],
 )
 def test_bad_files_of_points(tmp_path, text, message):
     (tmp_path / "p.toml").write_text(text)
-    with pytest.raises(InputError, match=message):
+    with refused(*message):
         read_points(tmp_path / "p.toml")
 
 
 def test_markers_that_a_robot_cannot_have(finger):
-    with pytest.raises(InputError, match="a link of 'finger', got 'hand'"):
+    with refused("marker 'a'", "'hand'"):
         marked(finger.robot, [Marker("a", "hand")])
-    with pytest.raises(InputError, match="a link; s is for arms of sections from a TOML"):
+    with refused("marker 'a'", "s"):
         marked(finger.robot, [Marker("a", along=0.1)])
     one = [Marker("a", links(finger)[1])]
-    with pytest.raises(InputError, match="a name that no sensor has, got 'a'"):
+    with refused("marker 'a'", "'a'"):
         marked(marked(finger.robot, one), one)
     assert identification.read_points is read_points

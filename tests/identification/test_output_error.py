@@ -10,7 +10,7 @@ import pytest
 import scipy.linalg
 
 import softdyn
-from softdyn import InputError, identification
+from softdyn import identification
 from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.derivatives import mass_columns
 from softdyn.dynamics.tree import tree_of
@@ -25,6 +25,7 @@ from softdyn.identification.result import COARSE
 from softdyn.identification.unknowns.kinds import Around, MotionSample
 from softdyn.validation.identification.trials import Excitation, deviations, trial, twin_data
 from tests.support import cart
+from tests.support.refused import refused
 
 COMPLIANCE = ("stiffness", "damping")
 
@@ -247,7 +248,7 @@ def test_rows_at_rest_need_a_first_guess_in_the_file(tmp_path):
     model = cart.load(tmp_path, cart.CART.format(stiffness=0, damping=0, lower=-9, upper=9))
     push = np.linspace(-2, 2, 12)[:, None]
     data = Measurements(np.arange(12.0), push, ("q.x",), push / 20)
-    with pytest.raises(InputError, match="a first guess in the robot's file"):
+    with refused("stiffness x", "none of it"):
         identification.identify(
             model, data, unknowns(model, "stiffness"), acquisition=Acquisition(static=True)
         )
@@ -396,12 +397,12 @@ def test_what_scales_together_is_named(finger):
 
 
 def test_bad_requests(finger):
-    with pytest.raises(InputError, match="got 'stifness'; did you mean 'stiffness'"):
+    with refused("kind", "'stifness'; did you mean 'stiffness'?"):
         identification.parameters(finger, "stifness")
-    with pytest.raises(InputError, match="a first guess in the robot's file"):
+    with refused("friction", "none of it"):
         identification.parameters(finger, "friction")
     data = Measurements(np.arange(3.0), np.zeros((3, 2)), ("tip.x",), np.eye(3)[:, :1])
-    with pytest.raises(InputError, match="unknowns: expected at least one"):
+    with refused("unknowns", "none"):
         identification.identify(finger, data, [])
 
 
@@ -410,22 +411,25 @@ def test_what_would_mislead_a_fit_is_refused(finger):
     t, moving = np.arange(12) * 0.01, np.linspace(0.0, 0.1, 12)[:, None]
     data = Measurements(t, np.zeros((12, 2)), ("q.joint1",), moving)
     for step in (0, -1, np.nan):
-        with pytest.raises(InputError, match=r"step: expected a .*number > 0"):
+        with refused("step"):
             identification.identify(finger, data, stiffness, step=step)
     shared = identification.parameters(finger, "stiffness", shared=True)
     for several in (stiffness * 2, (*stiffness, *shared)):
-        with pytest.raises(InputError, match="stiffness: expected each member in one unknown"):
+        with refused(
+            "stiffness",
+            "twice: stiffness joint1, …",
+        ):
             identification.identify(finger, data, several)
-    with pytest.raises(InputError, match="stiffness: expected each member in one"):
+    with refused("stiffness", "twice: stiffness joint1, …"):
         identification.choose_unknowns(finger, ["stiffness", "damping"], ["stiffness"])
     assert identification.choose_unknowns(finger, ["stiffness"], ["damping"])
     u = np.zeros((12, 2))
     u[5, 1] = -1.3
-    with pytest.raises(InputError, match=r"u\.u2: expected -1 to 1, .*, got -1.3 at t = 0.05 s"):
+    with refused("u.u2", "-1.3 at t = 0.05 s: another unit?"):
         identification.identify(finger, replace(data, u=u), stiffness)
-    with pytest.raises(InputError, match=r"q\.joint1: expected rad or m, at most 1e\+06"):
+    with refused("q.joint1", 1e299):
         replace(data, outputs=1e300 * moving)
-    with pytest.raises(InputError, match=r"each output once, got 'q\.joint1' twice"):
+    with refused("names", "'q.joint1' twice"):
         replace(data, names=("q.joint1",) * 2, outputs=np.hstack((moving, moving)))
 
 

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError, statics
+from softdyn import statics
 from softdyn.statics.reachable import APART, AXIS, LONGEST, ROOM, SHORTEST
 from softdyn.validation import StateMap, Twin
 from tests.statics.test_statics import STIFFNESS, G, pendulum
 from tests.support.command import command
+from tests.support.refused import refused
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +78,7 @@ def test_a_robot_that_cannot_be_moved_is_told(tmp_path):
     weak = text.replace('lower="-1" upper="1"', 'lower="-1e-6" upper="1e-6"')
     assert weak != text
     (tmp_path / "weak.urdf").write_text(weak)
-    with pytest.raises(InputError, match=r"two stable equilibria of .* with different tips"):
+    with refused("robot", "fewer"):
         statics.spread_rests(softdyn.load(tmp_path / "weak.urdf"), 4)
 
 
@@ -95,7 +96,7 @@ def test_cells_hold_the_directions_of_their_rests():
         angles = [math.atan2(np.linalg.norm(np.cross(a, cell.direction)), a @ cell.direction)
                   for a in ahead]  # fmt: skip
         assert cell.cone == pytest.approx(max(angles), abs=1e-7)
-    with pytest.raises(InputError, match="axis"):
+    with refused("axis"):
         statics.reach_by_direction(rests, [0, 0, 0], 0.03)
 
 

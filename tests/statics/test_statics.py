@@ -13,13 +13,14 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 import softdyn
-from softdyn import InputError, SoftModel, statics
+from softdyn import SoftModel, statics
 from softdyn.commands import statics as command
 from softdyn.statics.equilibria import _newton
 from softdyn.validation.crosschecks.rests import hold
 from softdyn.validation.report import statics_figure
 from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.oracles import gradient, relative
+from tests.support.refused import refused
 
 G = 9.81
 STIFFNESS = 0.5
@@ -305,11 +306,11 @@ def test_the_twin_settles_where_statics_says():
 
 def test_bad_arguments_are_refused():
     model = softdyn.load("finger")
-    with pytest.raises(InputError, match="u"):
+    with refused("u"):
         statics.settle(model, [0.0])
-    with pytest.raises(InputError, match="start"):
+    with refused("start"):
         statics.settle(model, [0.0, 0.0], [np.nan] * 4)
-    with pytest.raises(InputError, match="target"):
+    with refused("target"):
         statics.inputs_for_tip(model, [0.0, 0.0])
 
 

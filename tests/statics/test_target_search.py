@@ -16,6 +16,7 @@ from softdyn.loading import load_text
 from softdyn.statics import target_search
 from softdyn.tasks import AxisTask, OrientationTask, PointTask, PoseTask, StackedReference, Target
 from tests.support.command import command
+from tests.support.refused import refused
 
 FINGER = softdyn.load("finger")
 STANDING = load_text("""<robot name="pendulum"><link name="world"/><link name="rod"><inertial>
@@ -111,13 +112,14 @@ def test_the_command_holds_a_pose() -> None:
 
 
 @pytest.mark.parametrize(("tasks", "reference", "expected"), [
-    ([], SetPoint([0, 0, 0]), "a task or more"), (["tip"], SetPoint([0, 0, 0]), "Task"),
-    ([PointTask(TIP)], [0, 0, 0], "a Reference"),
-    ([OrientationTask(TIP)], SetPoint([0, 0, 0]), "a target of task"),
-    ([PointTask("nose")], SetPoint([0, 0, 0]), "a link of"),
+    ([], SetPoint([0, 0, 0]), ("tasks", "none")),
+    (["tip"], SetPoint([0, 0, 0]), ("tasks[0]", "'tip'")),
+    ([PointTask(TIP)], [0, 0, 0], ("reference", "[0, 0, 0]")),
+    ([OrientationTask(TIP)], SetPoint([0, 0, 0]), ("reference", "a plain reference")),
+    ([PointTask("nose")], SetPoint([0, 0, 0]), ("link", "'nose'")),
 ])  # fmt: skip
 def test_every_misuse_is_one_line(tasks, reference, expected) -> None:
-    with pytest.raises(InputError, match=expected):
+    with refused(*expected):
         statics.inputs_for_tasks(FINGER, tasks, reference)
 
 

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -162,27 +163,34 @@ class StoppedBefore(Exception):
     """Something else has stopped the run before its fault."""
 
 
-def softdyn(*words: str, **more) -> subprocess.Popen:
+def softdyn(*words: str, env: Mapping[str, str], **more) -> subprocess.Popen:
     """Start a command."""
     program = [sys.executable, "-m", "softdyn.commands", *words]
-    return subprocess.Popen(program, text=True, stderr=subprocess.PIPE, **more)
+    return subprocess.Popen(program, text=True, env=os.environ | env, **more)
 
 
-def fault(folder: Path, kind: str, *options: str, after: float = 0.0) -> Outcome:
-    """Drive the small arm, and let one thing fail `after` seconds after the first command."""
+def fault(
+    folder: Path, kind: str, *options: str, after: float = 0.0,
+    start: Callable[..., subprocess.Popen] = softdyn,
+) -> Outcome:  # fmt: skip
+    """Drive the small arm, and let one thing fail `after` seconds after the first command.
+
+    The processes are new ones, or forks of this one if `start` is `forked`.
+    """
     (folder / "arm.urdf").write_text(ARM)
     (folder / "own.py").write_text(OWN)
     port = str(free_port())
-    rig = softdyn(
-        "drive", "arm.urdf", "--serve", "--port", port, stdout=subprocess.PIPE, cwd=folder
+    more = {"cwd": folder, "stderr": subprocess.PIPE}
+    rig = start(
+        "drive", "arm.urdf", "--serve", "--port", port, env={}, stdout=subprocess.PIPE, **more
     )
     assert re.search(rf":{port}\b", rig.stdout.readline())
     duration = str(after) if kind in (END, FALLING) else "1000"
-    loop = softdyn(
+    loop = start(
         "drive", "arm.urdf", "own.py:Push", "--driver", "own.py:Rig", "--observer", "own.py:Eye",
         "--target", "0.3", "0", "-0.1", "--duration", duration, "--log", "run.npz",
-        "--no-verdict", *options, cwd=folder, stdout=subprocess.DEVNULL,
-        env=os.environ | {"SERVED_RIG": port, "FAULT": kind, "FAULT_AFTER": str(after)},
+        "--no-verdict", *options, stdout=subprocess.DEVNULL, **more,
+        env={"SERVED_RIG": port, "FAULT": kind, "FAULT_AFTER": str(after)},
     )  # fmt: skip
     try:
         return _end(rig, loop, kind, int(port), folder, after)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError, Reference, SetPoint
+from softdyn import Reference, SetPoint
 from softdyn.tasks import (
     AxisTask,
     OrientationTask,
@@ -21,6 +21,7 @@ from softdyn.tasks import (
 from softdyn.tasks.frames import FrameStack
 from softdyn.tasks.targets import exp3
 from tests.support.micro import FLOATING, GRIPPER, write
+from tests.support.refused import refused
 
 
 @pytest.fixture(params=["helix", "mimic", "floating"])
@@ -93,7 +94,7 @@ def test_plain_references_and_own_targets():
         for task, part in zip(tasks, (slice(0, 3), slice(3, 6)), strict=True):
             np.testing.assert_allclose(values[0, part], task(state, reference).error, atol=1e-15)
     wrong = StackedReference({"tip": SetPoint(state.y), "tip.axis": Target([0, 2.0, 0])})
-    with pytest.raises(InputError, match="unit vector"):
+    with refused("target of 'tip.axis'", "[0.0, 2.0, 0.0]"):
         stack.take_from(wrong)
-    with pytest.raises(InputError, match="below 3"):
+    with refused("tip: axes", 3):
         PointTask("tip", axes=(1, 3))

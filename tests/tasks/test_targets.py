@@ -19,6 +19,7 @@ from softdyn.tasks import (
     read_paths,
 )
 from softdyn.tasks.targets import exp3
+from tests.support.refused import refused
 
 TIMES = (0.0, 0.5, 1.2, 2.0)
 RNG = np.random.default_rng(5)
@@ -67,7 +68,7 @@ def test_poses_join_a_path_of_points_and_one_of_rotations():
     assert np.array_equal(pose.y[:3, 3], points(0.7).y)
     assert pose.y[:3, :3] == pytest.approx(turns(0.7).y, abs=1e-15)
     assert np.array_equal(pose.ydot, np.concatenate((points(0.7).ydot, turns(0.7).ydot)))
-    with pytest.raises(InputError, match="a point"):
+    with refused("pose", "shapes (3, 3) and (3, 3)"):
         Poses(turns, turns)(0.0)
 
 

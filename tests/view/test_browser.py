@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -23,9 +22,10 @@ from softdyn.view.live.channel import Channel
 from softdyn.view.live.explorer import Explorer, open_explorer_page
 from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
-from tests.support import PATIENCE, ROOT, micro, rigged, winched
+from tests.support import PATIENCE, micro, rigged, winched
 from tests.support.arms import RUBBER, loaded, pushed
 from tests.support.browser import Browser, required
+from tests.support.forked import forked
 from tests.support.logs import make_log
 
 pytestmark = required()
@@ -352,10 +352,7 @@ def test_the_live_viewer_draws_what_is_pushed(browser):
 
 
 def test_view_py_in_a_browser(browser):
-    process = subprocess.Popen(
-        [sys.executable, ROOT / "scripts/view.py", "spirob", "--no-open"],
-        stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    process = forked("view", "spirob", "--no-open", stdout=subprocess.PIPE)
     try:
         browser.open(process.stdout.readline().strip())
         first, later = seek(browser, 0.0), seek(browser, 1.2)

@@ -25,8 +25,9 @@ from softdyn import InputError
 from softdyn.view.live.channel import Channel
 from softdyn.view.loopback import listener, read_origin
 from softdyn.view.page import Page
-from tests.support import PATIENCE, ROOT
+from tests.support import PATIENCE
 from tests.support.command import of_itself
+from tests.support.forked import forked
 
 
 def listening(pid: int) -> set[str]:
@@ -41,10 +42,8 @@ def listening(pid: int) -> set[str]:
 
 
 def started(*arguments: str) -> tuple[subprocess.Popen, str]:
-    process = subprocess.Popen(
-        [sys.executable, ROOT / "scripts/view.py", *arguments, "--no-open"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = forked("view", *arguments, "--no-open", **pipes)
     return process, process.stdout.readline().strip()
 
 

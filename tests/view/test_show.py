@@ -5,10 +5,9 @@ from __future__ import annotations
 import pickle
 
 import numpy as np
-import pytest
 
 import softdyn
-from softdyn import InputError
+from tests.support.refused import refused
 
 
 def test_a_view_shows_one_pose_in_a_notebook_and_in_a_file(tmp_path):
@@ -41,9 +40,9 @@ def test_what_cannot_be_shown_is_said():
     model = softdyn.load("finger")
     view = softdyn.show(model)
     for q, u, name in (([0, 0], None, "q"), ([np.nan] * 4, None, "q"), (None, [1], "u")):
-        with pytest.raises(InputError, match=f"^{name}: "):
+        with refused(name):
             view.display(q, u)
-    with pytest.raises(InputError, match="model"):
+    with refused("model"):
         softdyn.show("finger")
-    with pytest.raises(InputError, match=r"arm\.html"):
+    with refused("/no/such/folder/arm.html"):
         view.save("/no/such/folder/arm.html")

@@ -6,12 +6,12 @@ import sys
 
 import pytest
 
-from softdyn import InputError
 from softdyn.validation.files import read_json
 from tests.proof import batches
 from tests.proof.__main__ import main
 from tests.proof.documents.settings import MEASURED
 from tests.support.command import left_as_it_was
+from tests.support.refused import refused
 
 
 def test_without_mujoco_warp_it_says_so(tmp_path, capsys):
@@ -25,7 +25,7 @@ def test_without_mujoco_warp_it_says_so(tmp_path, capsys):
 
 
 def test_without_an_interpreter_it_says_so():
-    with pytest.raises(InputError, match="expected an interpreter"):
+    with refused("--python", "No such file or directory"):
         batches.measure("finger", "no_such_python", 1, 1)
 
 

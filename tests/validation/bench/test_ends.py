@@ -7,7 +7,6 @@ machine.
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ import pytest
 from softdyn.validation import Log
 from tests.support import PATIENCE
 from tests.support.benched import ARM
+from tests.support.forked import forked
 
 OWN = """
 import os, signal, sys, threading, time
@@ -114,20 +114,21 @@ def drive(folder: Path, *more: str, duration: float = 1.0, closed=(), **places: 
     for name in ("out", "spare"):
         (folder / name).mkdir()
 
-    def prepare() -> None:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        for number in closed:
-            os.close(number)
-
-    done = subprocess.run(
-        [sys.executable, "-m", "softdyn.commands", "drive", "arm.urdf", "--driver", "own.py:Rig",
-         "--hold", "0", "0", *SLOW, "--duration", str(duration), "--log", "out/run.npz", *more],
-        cwd=folder, text=True, capture_output=True, preexec_fn=prepare, check=False,
-        timeout=PATIENCE, env=os.environ | places | {"TMPDIR": str(folder / "spare")},
-    )  # fmt: skip
+    words = ["drive", "arm.urdf", "--driver", "own.py:Rig", "--hold", "0", "0", *SLOW,
+             "--duration", str(duration), "--log", "out/run.npz", *more]  # fmt: skip
+    pipes = {"cwd": folder, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    places |= {"TMPDIR": str(folder / "spare")}
+    if closed:  # by the interpreter that starts
+        process = subprocess.Popen(
+            [sys.executable, "-m", "softdyn.commands", *words], text=True, env=os.environ | places,
+            preexec_fn=lambda: [os.close(number) for number in closed] and None, **pipes,
+        )  # fmt: skip
+    else:
+        process = forked(*words, env=places, **pipes)
+    _, err = process.communicate(timeout=PATIENCE)
     notes = folder / "notes.txt"
     calls = notes.read_text().split() if notes.exists() else []
-    return End(done.returncode, done.stderr, calls, folder)
+    return End(process.returncode, err, calls, folder)
 
 
 # -- signals before the run ------------------------------------------------------------------------

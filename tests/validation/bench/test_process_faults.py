@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.support.faulty import fault
+from tests.support.forked import forked
 
 SLOW = ("--period", "1", "--ramp", "0", "--missed", "100", "--stale", "60", "--lost", "1000")
 
@@ -22,7 +23,7 @@ SLOW = ("--period", "1", "--ramp", "0", "--missed", "100", "--stale", "60", "--l
     ],
 )
 def test_the_rig_is_relaxed_and_the_log_is_readable(tmp_path, kind, code, said):
-    outcome = fault(tmp_path, kind, *SLOW, after=2.5)  # two periods and a half
+    outcome = fault(tmp_path, kind, *SLOW, after=1.5, start=forked)  # a period and a half
     assert said in outcome.err
     assert outcome.code == code
     assert outcome.log.steps >= 1

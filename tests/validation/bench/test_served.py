@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError
 from softdyn.description.rig import CommandKind
 from softdyn.examples.served_rig import ServedRig as Client
 from softdyn.validation.bench.served import Faults, ServedRig
 from tests.support import PATIENCE
 from tests.support.benched import benched, tower
+from tests.support.refused import refused
 
 NAN = np.nan
 
@@ -59,7 +59,7 @@ def test_faults_of_readings(faults):
     assert np.isnan(passed(faults, (8, 5, 6), 4.4)[0][0])
     sent, stamps = passed(faults, (9, 5, 6), 4.6)
     assert (sent[0], stamps[0]) == (7, 4.0)
-    with pytest.raises(InputError, match="did you mean 'elbow'"):
+    with refused("sensors", "'elbo'; did you mean 'elbow'?"):
         faults.add("lose", ["elbo"], NAN)
 
 

@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 from lxml import etree
 
-from softdyn import InputError
 from softdyn.commands import compare as command
 from softdyn.validation import compare
 from softdyn.validation.crosschecks.engines import engine_errors, side_by_side
 from tests.support import micro, pair_robots
 from tests.support.command import command as shell
+from tests.support.refused import refused
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def test_a_floating_base(tmp_path):
 
 
 def test_two_urdfs_are_no_pair_of_engines(pair):
-    with pytest.raises(InputError, match="expected a URDF and an MJCF"):
+    with refused("engines", "pair.urdf, pair.urdf"):
         side_by_side(pair[0], pair[0])
 
 

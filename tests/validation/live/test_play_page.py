@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -19,8 +18,9 @@ from softdyn.validation.live.watching import open_watch_page, watch
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.pictures.replay import replay
 from softdyn.validation.loop.settings import RunOptions
-from tests.support import PATIENCE, SCRIPTS, micro, winched
+from tests.support import PATIENCE, micro, winched
 from tests.support.browser import Browser, required
+from tests.support.forked import forked
 
 pytestmark = required()
 LAW = """
@@ -38,8 +38,8 @@ def url(tmp_path_factory):
     """A finger in a separate process, with a user's controller in the menu."""
     own = tmp_path_factory.mktemp("own") / "idle.py"
     own.write_text(LAW)
-    command = [sys.executable, SCRIPTS / "play.py", "finger", "soft-id-clf-qp", f"{own}:Idle"]
-    process = subprocess.Popen([*command, "--no-open"], stdout=subprocess.PIPE, text=True)
+    words = ("play", "finger", "soft-id-clf-qp", f"{own}:Idle", "--no-open")
+    process = forked(*words, stdout=subprocess.PIPE)
     try:
         yield process.stdout.readline().strip()
         process.terminate()
@@ -271,8 +271,7 @@ def test_a_watched_run_leaves_a_page_that_replays_it(other, tmp_path):
 def test_sliders_explore_rests(other, tmp_path):
     """`view --sliders`: an input leads to an equilibrium with its ellipsoid, a joint to a pose."""
     page = other
-    command = [sys.executable, SCRIPTS / "view.py", "finger", "--sliders", "--no-open"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    process = forked("view", "finger", "--sliders", "--no-open", stdout=subprocess.PIPE)
     try:
         page.open(process.stdout.readline().strip())
         page.until("softdyn.leads && softdyn.frames > 0 && softdyn.ellipsoid.visible")

@@ -26,6 +26,7 @@ from softdyn.view.live.frames import Columns
 from softdyn.view.live.messages import OPEN_LOOP
 from softdyn.view.live.pacing import Clock, ClockStatistics
 from tests.support import micro, winched
+from tests.support.refused import refused
 from tests.support.sensed import sensed
 
 
@@ -104,7 +105,7 @@ def test_the_ghost_of_an_observer_is_its_estimate():
     assert np.isnan(part(session, "ghost")).all()
     session.apply(m.ShowGhost(True))
     assert np.isfinite(part(session, "ghost")).all()
-    with pytest.raises(InputError, match="observer: expected a rig that alters readings alone"):
+    with refused("observer", "one that alters q and v"):
         session.apply(m.Mismatch(noise=1e-3))
     session.apply(m.Mismatch(mass=1.3))
     session.apply(m.Reset())
@@ -148,7 +149,7 @@ def test_targets_of_tasks_are_set_and_a_plain_target_is_refused(model):
     np.testing.assert_allclose(row[:3], [0.2, 0, -0.05], atol=1e-7)
     np.testing.assert_allclose(exp3(row[3:6].astype(float)), poses["tip"][:3, :3], atol=1e-6)
     np.testing.assert_allclose(row[6:], poses["link2"][:3, 0], atol=1e-6)
-    with pytest.raises(InputError, match="do: expected targets, because the robot has tasks"):
+    with refused("do", "target"):
         session.apply(m.SetTarget(np.zeros(3)))
     said = np.array([0.18, 0.0, -0.1, 0.0, 1.0, 0.0, 0.6, 0.0, -0.8])
     session.apply(m.SetTargets(said))
@@ -161,11 +162,11 @@ def test_targets_of_tasks_are_set_and_a_plain_target_is_refused(model):
     session.apply(m.SetController("mpc"))
     run(session, 0.1)
     assert not session.shown.paused, session.shown.notice
-    with pytest.raises(InputError, match="do: expected target, because the robot has no tasks"):
+    with refused("do", "targets"):
         make(model, "ic").apply(m.SetTargets(np.zeros(0)))
-    with pytest.raises(InputError, match="tasks: expected tasks of links' frames"):
+    with refused("tasks", "[JointTask(name='joints'…"):
         Session(model, menu_of(model), "mpc", tasks=[JointTask(["joint1"])])
-    with pytest.raises(InputError, match="a target with a position"):
+    with refused("targets", "link2.axis"):
         Session(model, menu_of(model), "mpc", tasks=tasks[1:])
 
 
@@ -235,7 +236,7 @@ def test_what_cannot_be_done_changes_nothing(model):
     before = session.frame()
     with pytest.raises(InputError):
         session.apply(m.SetController("broken"))
-    with pytest.raises(InputError, match="a link that moves"):
+    with refused("push.link", "world"):
         session.apply(m.Push(model.robot.root, np.zeros(3), np.zeros(3)))
     with pytest.raises(InputError):
         session.apply(m.FindReach())
@@ -389,7 +390,7 @@ def test_play_takes_gains(tmp_path, monkeypatch):
         assert tuple(menu[n](softdyn.load("finger")).gains.Kp for n in words[1:3]) == expected
     (tmp_path / "g.toml").write_text("Kq = 7.0\n")
     made = play.controllers_of(play.parser.parse_args(words), "soft-id-clf-qp")
-    with pytest.raises(InputError, match=r"g.toml: gains: Kq: expected one of Kp"):
+    with refused("g.toml: gains: Kq", "'Kq'"):
         made["soft-id-clf-qp"](softdyn.load("finger"))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError, SetPoint
+from softdyn import FormatError, SetPoint
 from softdyn.controllers import Impedance, Mpc, SoftIdClfQp
 from softdyn.description.robot import input_unit
 from softdyn.identification.data import read_csv
@@ -24,6 +24,7 @@ from tests.support import micro, winched
 from tests.support.cart import TARGET, steer
 from tests.support.command import command
 from tests.support.logs import assert_same, channel, make_log
+from tests.support.refused import refused
 
 
 @pytest.fixture
@@ -52,12 +53,12 @@ def test_a_csv_that_is_no_log_is_refused(log, tmp_path):
     log.to_csv(tmp_path / "run.csv")
     rows = [line.split(",") for line in (tmp_path / "run.csv").read_text().splitlines()]
     (tmp_path / "own.csv").write_text("\n".join(",".join(row[:4]) for row in rows))
-    with pytest.raises(InputError, match=r"own.csv: header: expected a column 'log'"):
+    with refused("own.csv: header", "neither"):
         Log.from_csv(tmp_path / "own.csv")
     for old, new in (("softdyn-log-5", "softdyn-log-6"), ("0.03", "zero"), ("{", "")):
         text = (tmp_path / "run.csv").read_text().replace(old, new)
         (tmp_path / "bad.csv").write_text(text)
-        with pytest.raises(InputError, match=r"bad\.csv"):
+        with refused("bad.csv"):
             Log.from_csv(tmp_path / "bad.csv")
 
 
@@ -120,15 +121,18 @@ def test_a_failed_write_leaves_the_old_file(log, tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(np, "savez_compressed", no_space)
-    with pytest.raises(InputError, match="No space left"):
+    with refused("run.npz", "No space left on device"):
         log.save(path)
     assert path.read_bytes() == before
     assert sorted(p.name for p in tmp_path.iterdir()) == ["robot.urdf", "run.npz"]
 
 
-@pytest.mark.parametrize("where", ["no/such/folder/run.npz", "."])
-def test_a_log_cannot_be_written_there(log, tmp_path, where):
-    with pytest.raises(InputError, match=r"expected a (writable )?file"):
+@pytest.mark.parametrize(
+    ("where", "got"),
+    [("no/such/folder/run.npz", "No such file or directory"), (".", "Is a directory")],
+)
+def test_a_log_cannot_be_written_there(log, tmp_path, where, got):
+    with refused(str(tmp_path / where), got):
         log.save(tmp_path / where)
 
 
@@ -144,10 +148,10 @@ def test_what_is_no_log_is_refused(log, tmp_path):
              array.getvalue(), foreign.getvalue())  # fmt: skip
     for data in files:
         path.write_bytes(data)
-        with pytest.raises(InputError, match=r"run\.npz: expected"):
+        with refused("run.npz"):
             Log.load(path)
     for missing in (tmp_path / "none.npz", tmp_path):
-        with pytest.raises(InputError, match="expected"):
+        with refused(str(missing)):
             Log.load(missing)
 
 
@@ -169,7 +173,7 @@ def test_an_inconsistent_log_is_refused(log, tmp_path, change):
         content = {name: file[name] for name in file.files}
     assert len(content["t"]) == 5
     np.savez(path, **{**content, **change})
-    with pytest.raises(InputError, match=r"run\.npz: expected"):
+    with refused("run.npz"):
         Log.load(path)
 
 
@@ -205,7 +209,7 @@ def test_what_a_log_says_of_its_run_is_checked(log, tmp_path, change):
     about, arrays = parts(path)
     about = {name: value for name, value in (about | change).items() if value is not ...}
     np.savez(path, about=np.array(json.dumps(about)), **arrays)
-    with pytest.raises(InputError, match=r"run\.npz: expected") as error:
+    with refused("run.npz") as error:
         Log.load(path)
     assert len(str(error.value).splitlines()) == 1
 
@@ -232,15 +236,14 @@ def test_arrays_that_no_run_has_are_refused(log, tmp_path, name, change):
     arrays["about"] = np.array(json.dumps(about))
     arrays[name] = change(arrays.get(name))
     np.savez(path, **{key: array for key, array in arrays.items() if array is not None})
-    with pytest.raises(InputError, match=r"run\.npz: expected") as error:
+    with refused("run.npz") as error:
         Log.load(path)
     assert len(str(error.value).splitlines()) == 1
 
 
 def test_a_log_of_an_older_version_is_named(log, tmp_path):
     np.savez(tmp_path / "old.npz", about=np.array(json.dumps({"format": "softdyn-log-1"})))
-    expected = r"format softdyn-log-5, got softdyn-log-1, of another version of softdyn$"
-    with pytest.raises(InputError, match=expected):
+    with refused("old.npz", "softdyn-log-1, of another version of softdyn", by=FormatError):
         Log.load(tmp_path / "old.npz")
 
 
@@ -350,13 +353,17 @@ def test_a_run_of_tasks_comes_back_and_its_csv_has_their_errors(tmp_path):
     assert titles.endswith(f",task.tip (m),task.tip.axis (rad),{goals},{ways},log")
     assert again.marks == log.marks == marks_of(tasks)
     np.testing.assert_array_equal(again.targets[-1], [0.1, 0, -0.1, 1, 0, 0])
-    for broken in ({"link": 3}, {"kind": "way"}, {"vector": [0, np.nan, 0]}):
+    for place, broken in (
+        ("mark", {"link": 3}),
+        ("mark", {"kind": "way"}),
+        ("mark: vector", {"vector": [0, np.nan, 0]}),
+    ):
         path = tmp_path / "marks.npz"
         content = dict(np.load(tmp_path / "run.npz"))
         about = json.loads(content.pop("about").item())
         about["marks"][0] |= broken
         np.savez(path, about=np.array(json.dumps(about)), **content)
-        with pytest.raises(InputError, match="mark"):
+        with refused(f"marks.npz: {place}"):
             Log.load(path)
     assert "tip.x" in read_csv(tmp_path / "run.csv", model).names
     assert log.verdict().missed_tasks == ("tip",)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError, SetPoint
+from softdyn import SetPoint
 from softdyn.commands.run import unmodelled
 from softdyn.controllers import best
 from softdyn.description.urdf_writer import write
@@ -16,6 +16,7 @@ from softdyn.estimation import Ekf, EkfParameters
 from softdyn.identification.data import read_csv
 from softdyn.validation import Log, Rig, paper, simulate
 from tests.support.command import command as run
+from tests.support.refused import refused
 from tests.support.sensed import sensed
 
 CAMERA = {"rate": 60.0, "latency": 0.03}
@@ -96,16 +97,16 @@ def test_refusals():
     other = SimpleNamespace(step=lambda *_: SimpleNamespace(q=np.full(4, np.nan), v=np.zeros(4)))
     vague = SimpleNamespace(step=rest.step, disturbance_units={"wind": "N"})
     for which, rig, observer, said in (
-        (model, None, ekf, "a rig with sensors"),
-        (bare, "file", ekf, "a rig with sensors"),
-        (model, Rig(noise=0.001), ekf, "alters readings alone"),
-        (model, "file", Ekf, "an object with step"),
-        (model, "file", 3, "an object with step"),
-        (model, "file", Ekf(model, model.robot.sensors[:2]), "one for 5 readings"),
-        (model, "file", other, "the observer's estimate"),
-        (model, "file", vague, "disturbances of 1 components"),
+        (model, None, ekf, ("observer", "none")),
+        (bare, "file", ekf, ("observer", "none")),
+        (model, Rig(noise=0.001), ekf, ("observer", "one that alters q and v")),
+        (model, "file", Ekf, ("observer",)),
+        (model, "file", 3, ("observer",)),
+        (model, "file", Ekf(model, model.robot.sensors[:2]), ("observer", "for 2")),
+        (model, "file", other, ("the observer's estimate: q", "array([nan, nan, nan, nan])")),
+        (model, "file", vague, ("the observer's estimate", "others")),
     ):
-        with pytest.raises(InputError, match=said):
+        with refused(*said):
             simulate(which, law, goal, duration=0.01, rig=rig, observer=observer)
 
 

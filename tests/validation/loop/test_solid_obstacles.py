@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError
 from softdyn.controllers import SoftIdClfQp
 from softdyn.safety import HalfSpace, KeepOutBox, KeepOutSphere, Surroundings
 from softdyn.validation import Log, Rig, paper, rollout, simulate
 from softdyn.validation.loop.verdict import INSIDE
+from tests.support.refused import refused
 
 GOAL = paper.set_point("finger", theta=0.5)  # (0.127, 0, -0.127) m, from z = 0
 KINDS: dict[str, dict[str, Any]] = {
@@ -129,7 +129,7 @@ def test_a_start_inside_is_refused(tmp_path: Path) -> None:
     model = piston(tmp_path, "collision box")
     ball = KeepOutSphere([0, 0, 0], 0.1, links="all", name="ball")
     for options in ({}, {"rig": Rig()}):
-        with pytest.raises(InputError, match="110 mm inside 'ball'") as caught:
+        with refused("q0", "link 'body' 110 mm inside 'ball'") as caught:
             rollout(model, np.zeros(1), 0.1, surroundings=Surroundings([ball]), **options)
         assert caught.value.name == "q0"
     region = KeepOutSphere([0, 0, 0], 0.1, links="all", name="ball", contact=False)

@@ -9,6 +9,7 @@ from softdyn import InputError
 from softdyn.validation import simulate
 from softdyn.validation.loop.time_grid import MAX_STEPS, TimeGrid
 from tests.support.cart import TARGET, steer
+from tests.support.refused import refused
 
 NAN, INF = math.nan, math.inf
 
@@ -46,9 +47,9 @@ def test_hostile_times_are_refused(cart, name, value):
 
 
 def test_steps_that_do_not_fit_are_refused():
-    with pytest.raises(InputError, match="integer part of the period"):
+    with refused("timestep", 0.0003):
         TimeGrid.plan(1.0, 0.005, 0.0003)
-    with pytest.raises(InputError, match="integer part of the period"):
+    with refused("timestep", 0.01):
         TimeGrid.plan(1.0, 0.005, 0.01)
-    with pytest.raises(InputError, match="control periods"):
+    with refused("duration", "4000 s"):
         TimeGrid.plan((MAX_STEPS + 1) * 0.002, 0.002)

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softdyn import InputError
 from softdyn.validation.loop.pictures import plot_style, time_figures
 from softdyn.validation.loop.pictures.time_figures import thin
 from softdyn.validation.report import figures, plot_data, plots
@@ -17,6 +16,7 @@ from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.sources import load_model
 from tests.support import SCRIPTS, logs
+from tests.support.refused import refused
 
 SCRIPT = SCRIPTS / "benchmark.py"
 NU = {"finger": 2, "helix": 9, "spirob": 3}
@@ -332,7 +332,7 @@ def test_runs_without_a_lyapunov_function_have_no_band(tmp_path):
 
 
 def test_missing_logs_are_an_error(tmp_path):
-    with pytest.raises(InputError, match="a readable log"):
+    with refused("tracking_0.2.npz", "No such file or directory"):
         plots.make_all([Case("finger", "ic", "tracking", 0.2)], tmp_path)
 
 

@@ -14,6 +14,7 @@ from softdyn.validation.rollouts import threads
 from tests.support.cart import CART, DAMPING, LENGTH, MASS, STIFFNESS, load
 from tests.support.command import command
 from tests.support.logs import assert_same
+from tests.support.refused import refused
 
 
 @pytest.fixture(scope="module")
@@ -230,10 +231,10 @@ def test_wrong_inputs(cart, inputs, options, said):
 
 
 def test_a_batch_has_one_period(cart):
-    with pytest.raises(InputError, match=r"batch\[1\]: expected a period of 0.002 s"):
+    with refused("batch[1]", "0.001 s"):
         rollouts(cart, [[0.0], [[0.0]] * 100], 0.1)
     for batch in ([], 3.0):
-        with pytest.raises(InputError, match="batch: expected the inputs of each run"):
+        with refused("batch"):
             rollouts(cart, batch, 0.1)
 
 
@@ -404,11 +405,11 @@ def test_wrong_commands_are_one_line(tmp_path, header, cells, words, said):
 def test_wrong_names_of_commands(tmp_path):
     model = hoist(tmp_path, "length")
     for names, rig, said in (
-        (["winch"], None, "commands: expected none without a rig, got winch"),
-        (["which"], "file", "did you mean 'winch'"),
-        ("winch", "file", "commands: expected names of inputs, got 'winch'"),
+        (["winch"], None, ("commands", "winch")),
+        (["which"], "file", ("commands", "'which'; did you mean 'winch'?")),
+        ("winch", "file", ("commands", "'winch'")),
     ):
-        with pytest.raises(InputError, match=said):
+        with refused(*said):
             rollout(model, [0.3], 0.1, rig=rig, commands=names)
     for name, kind in (("one", "u"), ("two", "command")):
         (tmp_path / f"{name}.csv").write_text(f"t,{kind}.winch\n0,0.3\n0.1,0.3\n")

@@ -11,6 +11,7 @@ import softdyn
 from softdyn import Ellipse, InputError, OutOfReach, SetPoint
 from softdyn.validation import paper
 from tests.support.micro import FLOATING, write
+from tests.support.refused import refused
 
 LENGTH = {"finger": 0.24, "helix": 0.45, "spirob": 0.50, "spirob48": 0.50}
 PERIOD = {"finger": 0.005, "helix": 0.0075, "spirob": 0.002, "spirob48": 0.002}
@@ -101,18 +102,18 @@ def test_the_slowest_cycle_takes_twenty_seconds():
 @pytest.mark.parametrize("robot", ["Finger", "", None, 3, "finger.urdf", ["finger"]])
 def test_unknown_robots_are_refused(robot):
     for experiment in (paper.set_point, paper.tracking):
-        with pytest.raises(InputError, match="finger, helix, spirob, spirob48"):
+        with refused("robot"):
             experiment(robot, 0.5)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, "0.5", None, [0.5], True, 1j])
 def test_hostile_numbers_are_refused(value):
-    with pytest.raises(InputError, match=r"^theta: expected"):
+    with refused("theta"):
         paper.set_point("finger", theta=value)
-    with pytest.raises(InputError, match=r"^omega: expected"):
+    with refused("omega"):
         paper.tracking("finger", omega=value)
     for name in ("length", "period", "reach", "ellipse_scale"):
-        with pytest.raises(InputError, match=f"^{name}: expected"):
+        with refused(name):
             paper.Setup(**{"robot": "mine", "length": 1.0, "period": 0.01, name: value})
 
 
@@ -145,14 +146,14 @@ def test_the_setup_of_a_model():
 def test_a_robot_without_length_has_targets_only():
     setup = paper.Setup("mine", 0.0, 0.005)
     assert setup.target([1, 2, 3]).length == 0.0
-    with pytest.raises(InputError, match="a target"):
+    with refused("length", "0 m"):
         setup.set_point(0.5)
 
 
 def test_only_a_fixed_base_limits_the_reach(tmp_path):
     """A floating robot goes where it likes, and one without a length has no reach to leave."""
     far, file = [90.0, 0.0, 0.0], write(tmp_path, FLOATING)
-    with pytest.raises(OutOfReach, match="target"):
+    with refused("target", by=OutOfReach):
         paper.experiment(softdyn.load(file), target=far)
     assert paper.experiment(softdyn.load(file, floating=True), target=far).theta is None
 
@@ -170,5 +171,5 @@ def test_an_experiment_is_one_of_three(tmp_path):
     assert paper.experiment(model, theta=0.5).length == 0.24
     assert paper.experiment(model, omega=0.5, period=0.001).period == 0.001
     assert paper.experiment(model, target=[0.1, 0, 0]).theta is None
-    with pytest.raises(InputError, match="theta, omega or target"):
+    with refused("experiment", "none of them"):
         paper.experiment(model)

@@ -1,12 +1,11 @@
 """Controllers side by side from Python: the figures are those of `simulate`, the table prints."""
 
 import numpy as np
-import pytest
 
 import softdyn
-from softdyn import InputError
 from softdyn.controllers import Impedance
 from softdyn.validation import benchmark, paper, simulate
+from tests.support.refused import refused
 
 
 class Mine:
@@ -35,7 +34,7 @@ def test_own_classes_stand_beside_the_package_s(tmp_path):
 
 
 def test_what_is_no_controller_is_told():
-    with pytest.raises(InputError, match="mine: expected a class"):
+    with refused("mine", 3):
         benchmark({"mine": 3}, ["finger"])
-    with pytest.raises(InputError, match="controller"):
+    with refused("controller"):
         benchmark(["no-such"], ["finger"], jobs=1)

@@ -14,6 +14,7 @@ from softdyn.safety import Surroundings
 from softdyn.validation import Scene, paper, simulate
 from softdyn.validation.studies import sweep_report
 from tests.support import ROOT
+from tests.support.refused import refused
 from tests.support.sweeps import results
 
 ONE = 'robots = "finger"\ncontrollers = "ic"\ntargets.theta = 0.5\nrun.duration = 0.02\n'
@@ -103,7 +104,7 @@ def test_gains_may_differ_between_robots(written):
     ]
     ic = [(robot, gains["Kp"], gains["eps"]) for robot, name, gains in found if name == "ic"]
     assert ic == [("finger", 10, 0.2), ("helix", 20, 0.3)]
-    with pytest.raises(softdyn.InputError, match="a value of helix, or default"):
+    with refused("sweep.toml: gains.Kp", "those of finger"):
         written(
             'robots = ["finger", "helix"]\ncontrollers = "ic"\ntargets.theta = 0.5\n'
             "gains.Kp = { finger = 10 }\n"

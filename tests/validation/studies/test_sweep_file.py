@@ -2,7 +2,6 @@
 
 import csv
 import io
-import re
 import shutil
 from dataclasses import replace
 
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError, SetPoint
+from softdyn import SetPoint
 from softdyn.controllers import Gains, Mpc
 from softdyn.controllers.registry import CONTROLLERS
 from softdyn.validation import paper, simulate
@@ -25,6 +24,7 @@ from softdyn.validation.studies.sweep import parameter
 from softdyn.validation.studies.sweep_file import read_sweep
 from tests.support import ROOT
 from tests.support.command import command
+from tests.support.refused import refused
 from tests.support.sweeps import FINGER, PENDULUM
 
 
@@ -256,8 +256,6 @@ def test_what_is_wrong_is_told_in_one_line(folder, call, change, message):
     ("arguments", "message"),
     [
         (["none.toml"], "none.toml: expected a readable file"),
-        (["good.toml", "--jobs", "0"], "whole number > 0"),
-        (["good.toml", "--jobs", "2", "--scheduler", "tcp://127.0.0.1:1"], "not allowed with"),
         (["good.toml", "--out", "good.toml"], "good.toml: expected a folder to write to"),
         (["good.toml", "--json", "none/x.json"], "x.json: expected a writable file"),
         (["good.toml", "--scheduler", "nowhere"], "--scheduler: expected "),
@@ -490,47 +488,79 @@ def test_a_dry_run_refuses_what_the_run_would_refuse(folder, call, new, message)
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("noise = {", "nois = 1 # {", "nois: expected one of noise, bias, resolution, rate"),
-        ("rate = 50", "rate = -1", "rate: expected a finite number >= 0, got -1"),
-        ("rate = 50", "bias = [[1, 2]]", "left.eye.bias: expected 1 or 3 numbers"),
-        ("rate = 50", "latency = 11", "latency: expected a finite number >= 0 and <= 10"),
+        (
+            "noise = {",
+            "nois = 1 # {",
+            ("rig.sensors.left.eye.nois", "'nois'; did you mean 'noise'?"),
+        ),
+        ("rate = 50", "rate = -1", ("rig.sensors.left.eye.rate", -1)),
+        (
+            "rate = 50",
+            "bias = [[1, 2]]",
+            ("sensed.urdf, own.py:Spring: sensors: left.eye.bias", "(1.0, 2.0)"),
+        ),
+        ("rate = 50", "latency = 11", ("rig.sensors.left.eye.latency", 11)),
         (
             '[rig.sensors."left.eye"]',
             "[rig.sensors.right]",
-            "expected a sensor of the robot's file",
+            ("sensed.urdf, own.py:Spring: sensors: right", "'right'"),
         ),
-        ('[rig.sensors."left.eye"]', "[rig]\nfile = false\n[rig.sensors.right]", "file = true"),
-        ('[rig.sensors."left.eye"]', "[rig]\nsensors = 3\n[gains]", "a table for each sensor"),
-        ("[0.1, 0, -0.15]]", "[0.1, 0]]", "targets.point: expected [x, y, z] in m"),
-        ("[0.1, 0, -0.15]]", "[0.1, 0, -0.2]]", "targets.point.2: expected a lower end below"),
-        ("payload =", "stiffness.each =", "expected one value, or one list per change"),
+        (
+            '[rig.sensors."left.eye"]',
+            "[rig]\nfile = false\n[rig.sensors.right]",
+            ("sensed.urdf, own.py:Spring: sensors: right", "'right'"),
+        ),
+        ('[rig.sensors."left.eye"]', "[rig]\nsensors = 3\n[gains]", ("rig.sensors", 3)),
+        ("[0.1, 0, -0.15]]", "[0.1, 0]]", ("targets.point", "[0.1, 0]")),
+        ("[0.1, 0, -0.15]]", "[0.1, 0, -0.2]]", ("targets.point.2", "[-0.18, -0.2]")),
+        (
+            "payload =",
+            "stiffness.each =",
+            ("changes.heavy.plant.stiffness.each", "uniform"),
+        ),
     ],
 )
 def test_misuses_of_random_values_and_of_sensors(written, sensed, old, new, message):
     text = SENSED.replace(', "rig.sensors.left.eye.rate"', "").replace("[50, 100]", "50")
     assert old in text
-    with pytest.raises(InputError, match=re.escape(message)):
+    with refused(*message):
         written(text.replace(old, new))
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("joint1 =", "joint9 =", "plant.stiffness.joint9: expected a joint of finger, or each"),
-        ("joint3 =", "joint9 =", "changes.heavy.plant.mass.joint9: expected a joint of finger"),
-        ("damping.each = 1.1", "damping.each = [1, 2]", "plant.damping.each: expected one value"),
+        (
+            "joint1 =",
+            "joint9 =",
+            ("plant.stiffness.joint9", "'joint9'; did you mean 'joint4'?"),
+        ),
+        (
+            "joint3 =",
+            "joint9 =",
+            ("changes.heavy.plant.mass.joint9", "'joint9'; did you mean 'joint4'?"),
+        ),
+        (
+            "damping.each = 1.1",
+            "damping.each = [1, 2]",
+            ("plant.damping.each", "(1.0, 2.0)"),
+        ),
         (
             "damping.each = 1.1",
             "damping = {}",
-            "[plant]: damping: expected a value, or a table of some",
+            ("[plant]: damping", "an empty table"),
         ),
-        ("damping.each = 1.1", "damping.each = -1", "plant.damping.each: expected a finite number"),
-        ("each = { uniform = [0.8, 1.2] }", "each = { uniform = [2, 1] }", "a lower end below"),
-        ("lag = 0.02", "lag = true", "rig.lag: expected a finite number >= 0, got True"),
-        ("noise = 0.001", "file = 1", "rig.file: expected true or false, got 1"),
-        ("latency = {", "latency = 11 # {", "rig.latency: expected seconds, at most 10, got 11"),
+        ("damping.each = 1.1", "damping.each = -1", ("plant.damping.each", -1)),
+        (
+            "each = { uniform = [0.8, 1.2] }",
+            "each = { uniform = [2, 1] }",
+            ("plant.stiffness.each", "[2, 1]"),
+        ),
+        ("lag = 0.02", "lag = true", ("rig.lag", "True")),
+        ("noise = 0.001", "file = 1", ("rig.file", 1)),
+        ("latency = {", "latency = 11 # {", ("rig.latency", "11: in ms?")),
     ],
 )
 def test_misuses_of_factors_by_joint_and_of_the_rig(written, old, new, message):
-    with pytest.raises(InputError, match=re.escape(message)):
+    with refused(*message):
         written(BY_JOINT.replace(old, new))

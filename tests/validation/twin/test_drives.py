@@ -12,7 +12,6 @@ import pinocchio as pin
 import pytest
 
 import softdyn
-from softdyn import InputError
 from softdyn.actuation import Winches
 from softdyn.description.rig import CommandKind, Sensor, SensorKind
 from softdyn.validation import Rig, Twin, simulate
@@ -20,6 +19,7 @@ from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
 from softdyn.validation.loop.log import Log
 from softdyn.validation.twin.readings import Readings
 from softdyn.validation.twin.state_map import StateMap
+from tests.support.refused import refused
 
 MASS = """<robot name="mass">
 <link name="base"/><link name="block"><inertial><mass value="2"/>
@@ -145,22 +145,25 @@ def test_a_rig_is_in_the_log_and_the_ideal_loop_is_unchanged(tmp_path: Any) -> N
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Rig(lag=-1.0), "lag"),
-        (lambda: Rig(sensors="file"), "sensors: expected a sequence, each a Sensor, got 'file'"),
-        (lambda: Rig(plant={"payload": 0.1}), "plant: expected a PlantErrors"),
-        (lambda: Rig(noise=math.nan), "noise"),
-        (lambda: Rig(command="torque"), "command: expected force or length or velocity"),
-        (lambda: Rig(command="length").robot(softdyn.load("spirob").robot), "cable's stiffness"),
+        (lambda: Rig(lag=-1.0), ("lag", -1.0)),
+        (lambda: Rig(sensors="file"), ("sensors", "'file'")),
+        (lambda: Rig(plant={"payload": 0.1}), ("plant", "{'payload': 0.1}")),
+        (lambda: Rig(noise=math.nan), ("noise", "nan")),
+        (lambda: Rig(command="torque"), ("command", "'torque'")),
+        (
+            lambda: Rig(command="length").robot(softdyn.load("spirob").robot),
+            ("command", "<CommandKind.LENGTH: 'length'>"),
+        ),
     ],
 )
 def test_a_rig_refuses(make: Any, message: str) -> None:
-    with pytest.raises(InputError, match=message):
+    with refused(*message):
         make()
 
 
 def test_a_rig_needs_the_twin() -> None:
     model = softdyn.load("finger")
-    with pytest.raises(InputError, match="rig"):
+    with refused("rig"):
         simulate(model, lambda s, r: np.zeros(2), softdyn.SetPoint([0, 0, 0]), rig="mine")
 
 

@@ -11,9 +11,10 @@ import pinocchio as pin
 import pytest
 
 import softdyn
-from softdyn import InputError, UrdfError
+from softdyn import UrdfError
 from softdyn.validation.twin.twin import SimulationError, Twin
 from tests.proof.crosschecks.random_robots import write_robot
+from tests.support.refused import refused
 
 LIMIT = '<limit lower="-3" upper="3" effort="1" velocity="1"/>'
 
@@ -294,16 +295,18 @@ def test_integrators_follow_a_pendulum(name, tmp_path):
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e11])
 def test_a_bad_state_is_an_error_not_a_reset(bad):
     twin = Twin("finger")
-    for state in (([bad, 0, 0, 0], np.zeros(4)), (np.zeros(4), [0, 0, 0, bad])):
-        with pytest.raises(InputError, match=r"q(pos|vel)"):
+    for place, state in (
+        ("qpos", ([bad, 0, 0, 0], np.zeros(4))), ("qvel", (np.zeros(4), [0, 0, 0, bad])),
+    ):  # fmt: skip
+        with refused(place):
             twin.set_state(*state)
-    with pytest.raises(InputError, match="shape"):
+    with refused("qpos", "shape (5,)"):
         twin.set_state(np.zeros(5), np.zeros(4))
 
 
 @pytest.mark.parametrize("bad", [[math.nan, 0], [0], [0, 0, 0], "up"])
 def test_a_bad_input_is_an_error(bad):
-    with pytest.raises(InputError, match="u: "):
+    with refused("u"):
         Twin("finger").advance(bad)
 
 
@@ -355,18 +358,18 @@ def test_tip_is_that_of_the_new_state():
 
 
 def test_bad_arguments():
-    with pytest.raises(InputError, match="integrator"):
+    with refused("integrator"):
         Twin("finger", integrator="verlet")
-    with pytest.raises(InputError, match="timestep"):
+    with refused("timestep"):
         Twin("finger", timestep=0.0)
-    with pytest.raises(InputError, match="robot"):
+    with refused("robot"):
         Twin("no_such_robot")
 
 
 @pytest.mark.parametrize("size", ['radius="x" length="1"', 'radius="1"', 'radius="inf" length="1"'])
 def test_a_faulty_capsule_is_named(size, tmp_path):
     body = link("base") + "\n" + ball("a", f"<capsule {size}/>") + joint("j", "base", "a")
-    with pytest.raises(UrdfError, match=r"radius|length") as caught:
+    with refused('<link name="a"><collision><geometry><capsule>', by=UrdfError) as caught:
         Twin(urdf(tmp_path, body))
     text = caught.value.file.read_text().splitlines()[caught.value.line - 1]
     assert '<link name="a">' in text

@@ -5,12 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.support import ROOT
-
-sys.path.insert(0, str(ROOT / ".ci"))
 import code_lines
-
-sys.path.remove(str(ROOT / ".ci"))
+from house import ROOT
 
 MODULE = '''"""Two lines
 of it."""

@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from pathlib import PurePath
 
 import pytest
-
-from tests.support import ROOT
+from house import ROOT
 
 # The numbers of the bundled robots are the paper's; its files and their licence are kept there.
 SOURCE = PurePath("urdf/source")
@@ -46,7 +45,7 @@ def tracked() -> Iterator[tuple[str, str]]:
 
 
 def test_no_file_is_somebody_else_s():
-    own = "tests/test_own_text.py", "tests/formats/log_"  # a log has its settings in one line
+    own = ".ci/test_own_text.py", "tests/formats/log_"  # a log has its settings in one line
     files = {name: text for name, text in tracked() if not name.startswith(own)}
     assert len(files) > 500
     found = {name: list(signs(text)) for name, text in files.items()}
