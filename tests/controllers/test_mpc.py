@@ -21,7 +21,7 @@ from softdyn.description import library as catalogue
 from softdyn.design.source import read
 from softdyn.dynamics.derivatives import tangent_dynamics
 from softdyn.validation import paper, simulate
-from tests.support import micro, predictive
+from tests.support import predictive, robots
 from tests.support.control_cases import BUNDLED, MICRO, drawn, robot
 
 every_robot = pytest.mark.parametrize("which", BUNDLED + MICRO)
@@ -282,7 +282,7 @@ max_tension_N = 30
 
 def test_cables_that_pull_a_joint_to_either_stop_are_passed(tmp_path: Path) -> None:
     """Beyond some tension, joint 2 is unstable within 12 ms; the tip comes to its target behind."""
-    model = softdyn.load(micro.write(tmp_path, read(tomllib.loads(PULLEYS)).text))
+    model = softdyn.load(robots.write(tmp_path, read(tomllib.loads(PULLEYS)).text))
     goal = statics.settle(model, np.array([17.15, 6.65, 8.48]))
     log = simulate(model, Mpc(model), SetPoint(goal.y), period=0.005, duration=1)
     error = 100 * np.linalg.norm(log.error, axis=1)

@@ -19,7 +19,7 @@ from softdyn.controllers.safety_filter import with_barriers
 from softdyn.safety import KeepOutSphere, Surroundings
 from softdyn.validation import simulate
 from tests.support.arms import RUBBER, loaded
-from tests.support.turret import TURRET
+from tests.support.robots import TURRET
 
 PERIOD = 0.004
 PLANE = ("bend_y",)

@@ -15,7 +15,7 @@ import softdyn
 from softdyn import InputError
 from softdyn.description.readings import ReadingLayout, SampledSensor
 from softdyn.description.rig import Sensor, SensorKind
-from tests.support.micro import write
+from tests.support.robots import write
 
 KIND = SensorKind
 SENSORS = (

@@ -26,7 +26,7 @@ from softdyn.design import finger, log_spiral
 from softdyn.validation import crosscheck
 from tests.proof.crosschecks.random_robots import random_urdf
 from tests.proof.timing.chains import chain_urdf
-from tests.support import ROOT, micro
+from tests.support import ROOT, robots
 from tests.support.arms import EVERYTHING, THREE_SECTIONS
 from tests.support.misuses import ARM
 
@@ -144,7 +144,7 @@ def test_designed_files_are_what_the_writer_writes(text: str) -> None:
     assert again(robot) == robot
 
 
-@pytest.mark.parametrize("text", [ARM, micro.GRIPPER, micro.FLOATING, LOOKS])
+@pytest.mark.parametrize("text", [ARM, robots.GRIPPER, robots.WALKER, LOOKS])
 @pytest.mark.parametrize("floating", [False, True])
 def test_every_feature(text: str, floating: bool) -> None:
     """Welds, mimic joints, elastic tendons, aliases of springs, foreign elements, visuals."""
@@ -175,7 +175,7 @@ def test_engines_see_no_difference(seed: int) -> None:
 
 def test_what_is_written_passes_the_cross_check(tmp_path: Path) -> None:
     path = tmp_path / "written.urdf"
-    path.write_text(write(of_text(micro.GRIPPER)), encoding="utf-8")
+    path.write_text(write(of_text(robots.GRIPPER)), encoding="utf-8")
     assert crosscheck(softdyn.load(path), samples=2, trajectories=False).passed
 
 

@@ -22,7 +22,7 @@ from softdyn.description.visuals import (
 )
 from softdyn.exceptions import UrdfError
 from tests.support.command import command
-from tests.support.turret import TURRET
+from tests.support.robots import TURRET
 
 INERTIAL = (
     '<inertial><mass value="1"/>'

@@ -18,11 +18,11 @@ from softdyn.dynamics.projection import Projection
 from softdyn.loading import load_text
 from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
-from tests.support.balanced import BALANCED, balanced, case
+from tests.support.balance_cases import BALANCED, balanced, case
 from tests.support.cart import CART, load
-from tests.support.micro import FLOATING, GRIPPER, write
 from tests.support.oracles import relative
-from tests.support.rigged import slackened, wound
+from tests.support.rigs import slackened, wound
+from tests.support.robots import GRIPPER, WALKER, write
 
 BAR = 1e-7
 ALL = tuple(Disturbance)
@@ -41,7 +41,7 @@ def everything(request, tmp_path) -> SoftModel:
     if which in PROJECTIONS:
         return PROJECTIONS[which](tmp_path)
     if isinstance(which, str) and "floating" in which:
-        text = FLOATING if which == "floating" else GRIPPER
+        text = WALKER if which == "floating" else GRIPPER
         return softdyn.load(write(tmp_path, text), floating=True)
     if isinstance(which, str) and " " in which:
         kind, seed = which.split()

@@ -18,7 +18,7 @@ from softdyn.validation import compare, crosscheck
 from softdyn.validation.twin.plant_errors import PlantErrors, altered_robot
 from tests.proof.crosschecks.random_robots import random_urdf
 from tests.support.command import command
-from tests.support.micro import FLOATING, GRIPPER
+from tests.support.robots import GRIPPER, WALKER
 
 STEP = 1e-6
 
@@ -39,7 +39,7 @@ ROBOTS = {
     "finger": lambda: lifted(write(softdyn.load("finger").robot)),
     "random": lambda: lifted(random_urdf(3)),
     "mimic": lambda: lifted(GRIPPER),
-    "floating": lambda: lifted(FLOATING, floating=True),
+    "floating": lambda: lifted(WALKER, floating=True),
 }
 
 

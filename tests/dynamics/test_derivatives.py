@@ -20,7 +20,7 @@ from softdyn.dynamics.derivatives import (
 from softdyn.identification import DesignFile, apply_values, choose_unknowns
 from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS, THREE_SECTIONS
-from tests.support.balanced import balanced
+from tests.support.balance_cases import balanced
 from tests.support.oracles import gradient, relative
 
 BAR = 1e-7

@@ -16,12 +16,12 @@ from softdyn.validation import StateMap, Twin, crosscheck, simulate
 from softdyn.validation.crosschecks.crosscheck import random_state
 from softdyn.validation.twin import free_base
 from softdyn.validation.twin.free_base import FreeBase, rk4_on_rotations
-from tests.support.micro import FLOATING, GRIPPER, SOLID, joint, write
+from tests.support.robots import GRIPPER, SOLID, WALKER, oblique, write
 
 ALONE = f'<robot name="brick"><link name="brick">{SOLID}</link></robot>'
 
 
-@pytest.fixture(params=[FLOATING, GRIPPER], ids=["walker", "gripper"])
+@pytest.fixture(params=[WALKER, GRIPPER], ids=["walker", "gripper"])
 def pair(request, tmp_path: Path) -> tuple[SoftModel, Twin, StateMap]:
     model = softdyn.load(write(tmp_path, request.param), floating=True)
     twin = Twin(model, limits=False)
@@ -52,13 +52,13 @@ def test_a_joint_with_a_name_of_the_base_gives_it_nothing(tmp_path):
     """Its springs, dampers, limits and armature act on the joint, in both engines."""
     import xml.etree.ElementTree as ElementTree
 
-    plain = softdyn.load(write(tmp_path, FLOATING), floating=True)
-    tree = ElementTree.fromstring(FLOATING)
+    plain = softdyn.load(write(tmp_path, WALKER), floating=True)
+    tree = ElementTree.fromstring(WALKER)
     names = [j.get("name") for j in tree.iter("joint") if j.get("type") not in (None, "fixed")]
-    renamed = FLOATING
+    renamed = WALKER
     for old, new in zip(names, ("base_wz", "base_vx", "base_wx"), strict=False):
         renamed = renamed.replace(f'"{old}"', f'"{new}"')
-    assert renamed != FLOATING
+    assert renamed != WALKER
     model = softdyn.load(write(tmp_path, renamed), floating=True)
     for field in ("stiffness", "rest", "damping", "armature", "lower", "upper"):
         np.testing.assert_array_equal(getattr(model, field), getattr(plain, field))
@@ -96,7 +96,7 @@ def test_a_follower_with_a_name_of_the_base_is_no_base(names, tmp_path):
 
 
 def test_the_base_s_own_joint_has_a_name_that_no_other_may_have(tmp_path):
-    text = FLOATING.replace('"ja"', '"floating base"')
+    text = WALKER.replace('"ja"', '"floating base"')
     with pytest.raises(UrdfError, match="another name"):
         softdyn.load(write(tmp_path, text), floating=True)
     model = softdyn.load(write(tmp_path, text))
@@ -151,7 +151,7 @@ def test_one_body_obeys_newton_and_euler(tmp_path):
     np.testing.assert_allclose(state.ydot, R @ x, atol=1e-14)
 
 
-@pytest.mark.parametrize("text", [FLOATING, GRIPPER], ids=["walker", "mimic"])
+@pytest.mark.parametrize("text", [WALKER, GRIPPER], ids=["walker", "mimic"])
 @pytest.mark.parametrize("compiled", [True, False])
 def test_nothing_but_positions_depends_on_where_the_base_is(text, compiled, tmp_path):
     """The robot is at 0, 1 km and 1000 km; gravity is uniform, and rounding must not matter."""
@@ -202,7 +202,7 @@ def test_nothing_but_positions_depends_on_where_the_base_is(text, compiled, tmp_
 
 
 def test_the_twin_agrees(tmp_path):
-    model = softdyn.load(write(tmp_path, FLOATING), floating=True)
+    model = softdyn.load(write(tmp_path, WALKER), floating=True)
     result = crosscheck(model, samples=4)
     assert result.passed, [(c.quantity, c.max_error, c.reason) for c in result.checks]
     assert {ladder.scheme for ladder in result.ladders} == {"implicit", "rk4"}
@@ -258,7 +258,7 @@ def test_the_rate_of_a_rotation_vector(angle):
 
 def test_closed_loops_run(tmp_path):
     """The plant falls in model and twin: ½ g t² for the centre of mass, for half a second."""
-    model = softdyn.load(write(tmp_path, FLOATING), floating=True)
+    model = softdyn.load(write(tmp_path, WALKER), floating=True)
 
     class Rest:
         def __call__(self, state, reference):
@@ -276,7 +276,7 @@ def test_closed_loops_run(tmp_path):
 
 @pytest.mark.parametrize("floating", [False, True])
 def test_a_twin_of_another_base_is_refused(floating, tmp_path):
-    path = write(tmp_path, FLOATING)
+    path = write(tmp_path, WALKER)
     model = softdyn.load(path, floating=floating)
     with pytest.raises(InputError, match="twin"):
         StateMap(model, Twin(softdyn.load(path, floating=not floating)))
@@ -285,7 +285,7 @@ def test_a_twin_of_another_base_is_refused(floating, tmp_path):
 def test_a_floating_base_without_mass_is_singular(tmp_path):
     """Its first joint and the base then turn the same bodies."""
     text = f'<robot name="x"><link name="b"/><link name="a">{SOLID}</link>'
-    text += joint("j", "continuous", "b", "a") + "</robot>"
+    text += oblique("j", "continuous", "b", "a") + "</robot>"
     assert softdyn.load(write(tmp_path, text)).nv == 1
     with pytest.raises(UrdfError, match="singular"):
         softdyn.load(write(tmp_path, text), floating=True)

@@ -17,7 +17,7 @@ from softdyn.validation import compare, crosscheck
 from softdyn.validation.twin.twin import Twin
 from tests.proof.crosschecks.random_robots import random_urdf
 from tests.support.command import command
-from tests.support.micro import FLOATING, GRIPPER
+from tests.support.robots import GRIPPER, WALKER
 
 WATER = Fluid(1000.0, 0.3)  # thicker than water, so that both parts count
 STEP = 1e-6
@@ -32,7 +32,7 @@ ROBOTS = {
     "finger": lambda: wet(write(softdyn.load("finger").robot)),
     "random": lambda: wet(random_urdf(3)),
     "mimic": lambda: wet(GRIPPER),
-    "floating": lambda: wet(FLOATING, floating=True),
+    "floating": lambda: wet(WALKER, floating=True),
 }
 
 

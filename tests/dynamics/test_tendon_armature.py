@@ -24,7 +24,7 @@ from softdyn.validation.twin.rig import Rig
 from tests.proof.crosschecks.random_robots import random_urdf
 from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support.command import command
-from tests.support.micro import GRIPPER
+from tests.support.robots import GRIPPER
 
 STEP = 1e-4  # rotors make M stiff, and a shorter step loses digits
 TWO = """<mujoco model="differential"><worldbody>

@@ -16,7 +16,7 @@ from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
 from tests.support.cart import CART, load
 from tests.support.oracles import relative
-from tests.support.rigged import wound
+from tests.support.rigs import wound
 
 BAR = 1e-7
 SEEDS = (1, 12, 16, 19, 23)  # with inputs on fixed and spatial tendons

@@ -17,6 +17,7 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from tests.support.winched import ARM
 
 import softdyn
 from softdyn import SoftModel
@@ -27,9 +28,8 @@ from softdyn.dynamics.motors import Motors
 from tests.proof.crosschecks.random_robots import write_robot
 from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support.arms import EVERYTHING, PROJECTIONS, loaded
-from tests.support.micro import FLOATING, write
+from tests.support.robots import WALKER, write
 from tests.support.steps import differences
-from tests.support.winched import ARM
 
 EPILOG = "exit codes: 0 no step failed; 1 one failed; 2 bad input; 130 interrupted.\n"
 PERIOD = 0.005
@@ -118,7 +118,7 @@ def _violent(folder: Path) -> Iterator[tuple[str, SoftModel]]:
         yield name, make(folder)
     yield "winched arm", softdyn.load(write(folder, ARM))
     yield "wrapped arm", softdyn.build(wrapped_robot(3, bodies=2))
-    yield "walker, floating", softdyn.load(write(folder, FLOATING), floating=True)
+    yield "walker, floating", softdyn.load(write(folder, WALKER), floating=True)
 
 
 def _violently(name: str, model: SoftModel, steps: int) -> int:

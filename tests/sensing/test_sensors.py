@@ -20,9 +20,9 @@ from softdyn.sensing import Sensors
 from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
 from tests.support.cart import CART, load
-from tests.support.micro import FLOATING, GRIPPER, write
 from tests.support.oracles import relative
-from tests.support.rigged import measured, wound
+from tests.support.rigs import measured, wound
+from tests.support.robots import GRIPPER, WALKER, write
 
 BAR = 1e-7
 SEEDS = (1, 12, 16, 19, 23)
@@ -35,7 +35,7 @@ def model(request, tmp_path) -> SoftModel:
     if which in PROJECTIONS:
         return measured(PROJECTIONS[which](tmp_path))
     if isinstance(which, str) and "floating" in which:
-        text = FLOATING if which == "floating" else GRIPPER
+        text = WALKER if which == "floating" else GRIPPER
         return measured(softdyn.load(write(tmp_path, text), floating=True))
     return measured(softdyn.load(write_robot(which, tmp_path) if isinstance(which, int) else which))
 
@@ -223,7 +223,7 @@ def test_copies(model):
 
 
 def test_an_angle_s_error_is_the_short_way(tmp_path):
-    model = measured(softdyn.load(write(tmp_path, FLOATING), floating=True))
+    model = measured(softdyn.load(write(tmp_path, WALKER), floating=True))
     names = model.joint_names
     turned = np.zeros(model.nv)
     turned[names.index("jz")] = 3.1

@@ -30,7 +30,7 @@ from softdyn.validation import Twin
 from tests.support import CORPUS
 from tests.support.arms import THREE_SECTIONS
 from tests.support.control_cases import robot
-from tests.support.micro import FLOATING, SOLID, write
+from tests.support.robots import SOLID, WALKER, write
 
 MASS, LEVER, STIFFNESS, G = 0.3, 0.2, 0.7, 9.81
 
@@ -228,7 +228,7 @@ def test_doubts_about_followers_are_doubts_about_their_leaders(tmp_path: Path) -
 
 
 def test_a_floating_base_is_held(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = write(tmp_path, FLOATING)
+    path = write(tmp_path, WALKER)
     floating, fixed = (diagnose(softdyn.load(path, floating=free), 4) for free in (True, False))
     said, known = floating.to_dict(), fixed.to_dict()
     assert said["floating"]

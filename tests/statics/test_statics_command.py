@@ -7,9 +7,9 @@ import pytest
 
 import softdyn
 from softdyn import statics
-from tests.support import preloaded
+from tests.support import robots
 from tests.support.command import command
-from tests.support.turret import TURRET
+from tests.support.robots import TURRET
 
 # 1 kg on a spring of 100 N/m, and no input
 WEIGHT = """<robot name="weight"><link name="base"/><link name="a"><inertial><mass value="1"/>
@@ -33,8 +33,8 @@ def test_a_robot_without_inputs_rests_somewhere(tmp_path, words):
 @pytest.mark.parametrize("width", [0.0, 1e-9])
 def test_a_preload_is_a_constant_force_and_no_unknown(tmp_path, width):
     path = tmp_path / "arm.urdf"
-    path.write_text(preloaded.text(5.0, 5.0 + width))
-    target = [*map(str, preloaded.TARGET)]
+    path.write_text(robots.preloaded(5.0, 5.0 + width))
+    target = [*map(str, robots.PRELOADED_TIP)]
     done = command(
         "statics", path, "--target", *target, "--hold", "0.2", "--rays", "4", "--json", "-"
     )

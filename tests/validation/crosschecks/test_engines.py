@@ -10,7 +10,7 @@ from softdyn import InputError
 from softdyn.commands import compare as command
 from softdyn.validation import compare
 from softdyn.validation.crosschecks.engines import engine_errors, side_by_side
-from tests.support import micro, pair_robots
+from tests.support import pair_robots, robots
 from tests.support.command import command as shell
 
 
@@ -64,7 +64,7 @@ def test_a_floating_base(tmp_path):
     from softdyn.validation.mjcf.export import write_mjcf
 
     source, target = tmp_path / "walker.urdf", tmp_path / "walker.xml"
-    source.write_text(micro.FLOATING)
+    source.write_text(robots.WALKER)
     write_mjcf(source, target, floating=True)
     found = side_by_side(source, target, samples=2)
     assert found.passed, found

@@ -18,7 +18,7 @@ from softdyn.validation import Log, rollout, simulate
 from softdyn.validation.bench.drive import Drive
 from softdyn.validation.loop import mcap_file
 from softdyn.validation.loop.mcap_file import save_mcap
-from tests.support.benched import NearDriver, benched, tower
+from tests.support.bench import NearDriver, bench_arm, tower
 from tests.support.command import command
 
 WHEEL = """<robot name="wheel"><link name="body"><inertial><mass value="1"/>
@@ -33,7 +33,7 @@ WHEEL = """<robot name="wheel"><link name="body"><inertial><mass value="1"/>
 
 def driven() -> Log:
     """A run on a rig, with readings that are late, and periods that are left out."""
-    model = benched()
+    model = bench_arm()
     rig = tower(model)
     run = Drive(
         model, lambda state, reference: np.array([2.0, 1.0]), SetPoint(np.zeros(3)),

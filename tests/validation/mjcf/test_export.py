@@ -15,7 +15,7 @@ from softdyn.validation.mjcf import export, to_mjcf
 from softdyn.validation.mjcf.comparison.side import neutral
 from softdyn.validation.mjcf.to_urdf import to_urdf
 from tests.proof.crosschecks.wrapped_robots import wrapped_robot
-from tests.support import micro, pair_robots
+from tests.support import pair_robots, robots
 from tests.support.command import command
 
 
@@ -75,10 +75,10 @@ def test_massless_chains_are_several_joints_of_one_body(tmp_path):
     assert model.body_mass[1:].min() > 1e-4
 
 
-@pytest.mark.parametrize("text", [micro.GRIPPER, micro.FLOATING, pair_robots.URDF])
+@pytest.mark.parametrize("text", [robots.GRIPPER, robots.WALKER, pair_robots.URDF])
 def test_round_trip(tmp_path, text):
-    floating = text is micro.FLOATING
-    source = micro.write(tmp_path, text)
+    floating = text is robots.WALKER
+    source = robots.write(tmp_path, text)
     there, back = tmp_path / "there.xml", tmp_path / "back.urdf"
     result, _ = export.write_mjcf(source, there, floating=floating)
     assert result.passed, str(result)
@@ -99,8 +99,8 @@ def test_a_converted_robot_is_written_as_it_is(tmp_path, name):
     if name == "pair":
         path.write_text(pair_robots.MJCF)
     else:
-        texts = {"gripper": micro.GRIPPER, "walker": micro.FLOATING}
-        source = micro.write(tmp_path, texts[name]) if name in texts else name
+        texts = {"gripper": robots.GRIPPER, "walker": robots.WALKER}
+        source = robots.write(tmp_path, texts[name]) if name in texts else name
         export.write_mjcf(source, path, floating=name == "walker")
     robot = to_urdf(neutral(path), name).robot
     assert parse_text(write(robot), path=path, floating=robot.floating) == robot
@@ -179,7 +179,7 @@ def test_a_motor_on_a_joint_comes_through(tmp_path):
 
 def test_a_fixed_tendon_whose_rest_is_minus_one(tmp_path):
     """MuJoCo reads a springlength of -1 as the length at rest."""
-    source = micro.write(tmp_path, micro.GRIPPER.replace('name="band"', 'name="band" rest="-1"'))
+    source = robots.write(tmp_path, robots.GRIPPER.replace('name="band"', 'name="band" rest="-1"'))
     result, lost = export.write_mjcf(source, tmp_path / "out.xml")
     assert result.passed, str(result)
     assert not lost

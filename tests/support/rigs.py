@@ -8,10 +8,11 @@ from itertools import pairwise
 import numpy as np
 
 import softdyn
-from softdyn import SoftModel
+from softdyn import SetPoint, SoftModel
 from softdyn.description.rig import CommandKind, Sensor
 from softdyn.description.rig import SensorKind as KIND
 from softdyn.description.robot import PathEnd
+from softdyn.validation import Log, Rig, simulate
 
 KINDS = (CommandKind.LENGTH, CommandKind.VELOCITY, CommandKind.FORCE)
 
@@ -107,6 +108,17 @@ def measured(model: SoftModel) -> SoftModel:
     ]
     sensors = [sensors[k] for k in rng.permutation(len(sensors))]
     return _rebuilt(model, tendons=tendons, sensors=tuple(sensors))
+
+
+def turns(model: SoftModel) -> Log:
+    """A run in which the two motors pull in turn."""
+
+    def law(state: object, reference: object) -> np.ndarray:
+        calls.append(1)
+        return np.array([20.0, 0.0] if len(calls) % 100 < 50 else [0.0, 15.0])
+
+    calls: list[int] = []
+    return simulate(model, law, SetPoint(np.zeros(3)), duration=0.4, rig=Rig(latency=0.002))
 
 
 def _rebuilt(model: SoftModel, **parts: object) -> SoftModel:
