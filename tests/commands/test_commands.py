@@ -178,8 +178,7 @@ USELESS = [
 
 @pytest.mark.parametrize(("words", "option", "reason"), USELESS)
 def test_an_option_that_changes_nothing_says_so(tmp_path, words, option, reason):
-    file = tmp_path / "arm.urdf"
-    file.write_text(robots.preloaded())
+    file = robots.write(tmp_path, robots.preloaded())
     with pytest.warns(UserWarning, match=f"{option} changes nothing: .*{reason}") as told:
         done = command(words[0], file, *words[1:], cwd=tmp_path)
     assert done.code in (0, 1), done.err
@@ -217,8 +216,7 @@ def test_a_bad_rig_file_is_named(tmp_path, text, said):
 
 
 def test_an_option_with_a_use_says_nothing(tmp_path, recwarn):
-    file = tmp_path / "arm.urdf"
-    file.write_text(robots.preloaded())
+    file = robots.write(tmp_path, robots.preloaded())
     done = command("statics", file, "--inputs", "9", "5", "--hold", "0.02", "--json", "-")
     assert done.code == 0, done.err
     assert not recwarn.list

@@ -27,9 +27,9 @@ from softdyn.controllers.qps.relaxed_rows import ROOM, RelaxedRows, Rows
 from softdyn.controllers.qps.task_qp import BACKOFF
 from softdyn.validation import simulate
 from softdyn.validation.loop.setups import setup_of
-from tests.proof.paper.solvers import SymbolicQp
 from tests.support.control_cases import BUNDLED, GAINS, drawn, gains_of, robot
-from tests.support.printed import printed, solve_quadprog
+from tests.support.exact_qps import printed, solve_quadprog
+from tests.support.qp_solvers import SymbolicQp
 
 TAU = 0.03
 ROBOTS = ("finger", "helix", "spirob", "sliding and turning")

@@ -13,7 +13,7 @@ from softdyn import InputError, SoftdynError
 from softdyn.controllers import CONTROLLERS, Gains, Mpc, SoftIdClfQp
 from softdyn.controllers.gains import from_table, resolve
 from softdyn.controllers.staged import best
-from tests.support import ROOT
+from tests.support import ROOT, robots
 from tests.support.control_cases import BUNDLED, GAINS, robot
 
 # tab:controller_params, retyped: K_p, ε, w1, w2, w3, w4, ρ; None where the table has a dash
@@ -126,8 +126,7 @@ def test_what_a_robot_without_gains_or_inputs_is_told(tmp_path):
     (tmp_path / "own.urdf").write_text(text)
     with pytest.raises(InputError, match=r"gains for .*own\.urdf: .* best, which needs none\.$"):
         SoftIdClfQp(softdyn.load(tmp_path / "own.urdf"))
-    (tmp_path / "bare.urdf").write_text(re.sub(r"<softdyn.*</softdyn>", "", text, flags=re.S))
-    model = softdyn.load(tmp_path / "bare.urdf")
+    model = robots.load(tmp_path, re.sub(r"<softdyn.*</softdyn>", "", text, flags=re.S))
     for law in (SoftIdClfQp, Mpc, best):
         with pytest.raises(InputError, match=r"<actuator> in .*bare\.urdf, or in .*--annotations"):
             law(model)

@@ -16,11 +16,11 @@ from softdyn.description.urdf_writer import write as urdf
 from softdyn.dynamics.balance import BalanceTerms, Disturbance, ForceBalance
 from softdyn.dynamics.projection import Projection
 from softdyn.loading import load_text
-from tests.proof.crosschecks.random_robots import write_robot
+from tests.support import cart
 from tests.support.arms import PROJECTIONS
 from tests.support.balance_cases import BALANCED, balanced, case
-from tests.support.cart import CART, load
 from tests.support.oracles import relative
+from tests.support.random_robots import write_robot
 from tests.support.rigs import slackened, wound
 from tests.support.robots import GRIPPER, WALKER, write
 
@@ -154,11 +154,10 @@ def test_disturbances_are_forces(model):
     )
 
 
-def test_a_winch_and_a_spring_in_series(tmp_path):
+def test_a_winch_and_a_spring_in_series():
     """-s x = k (x - c): the tension is s k |c| / (s + k) at the free length c."""
     s, k, c = 8.0, 40.0, -0.3
-    text = CART.format(damping=1.0, stiffness=s, lower=0, upper=30)
-    robot = load(tmp_path, text).robot
+    robot = cart.cart(0, 30, damping=1.0, stiffness=s).robot
     (motor,) = robot.actuators
     motor = replace(motor, gear=-0.5, command=CommandKind.LENGTH, stiffness=k, damping=3.0)
     model = softdyn.build(replace(robot, actuators=(motor,)))

@@ -13,11 +13,11 @@ from softdyn import InputError, SoftModel
 from softdyn.actuation import CommandKind, Winches
 from softdyn.actuation.drives import Drives
 from softdyn.dynamics import ForceBalance, StepError, discrete_step
-from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support.arms import PROJECTIONS
 from tests.support.balance_cases import balanced, case
 from tests.support.robots import GRIPPER, WALKER, write
-from tests.support.steps import differences
+from tests.support.step_differences import differences
+from tests.support.wrapped_robots import wrapped_robot
 
 MODELS = ("finger", "spirob", "slack", "winched", *PROJECTIONS, "walker", "wrapped")
 

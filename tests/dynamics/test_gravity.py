@@ -41,9 +41,7 @@ def test_turning_gravity_is_turning_the_base(tmp_path):
         design.Mount(direction=turned @ [0, 0, -1]),
         design.Mount(gravity=turned.T @ [0, 0, -9.81]),
     ):
-        path = tmp_path / "rod.urdf"
-        path.write_text(design.urdf(design.Arm((section,), mount=mount)))
-        model = softdyn.load(path)
+        model = robots.load(tmp_path, design.urdf(design.Arm((section,), mount=mount)))
         rests.append(statics.settle(model, model.relaxed).q)
     assert np.abs(rests[0]).max() > 0.01
     np.testing.assert_allclose(*rests, atol=1e-9)

@@ -10,9 +10,9 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SoftModel, UrdfError
-from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
 from tests.support.oracles import gradient, rate, relative
+from tests.support.random_robots import write_robot
 from tests.support.robots import GRIPPER, WALKER, build, hinge, joint, link, robot, write
 
 BUNDLED = ("finger", "helix", "spirob", "spirob48")

@@ -20,6 +20,7 @@ from softdyn.dynamics.mimic import build
 from softdyn.dynamics.relaxation import Branches, without_branches
 from softdyn.statics.suspicious_values import fast_springs
 from softdyn.validation import PlantErrors, Twin, compare, crosscheck, rollout
+from tests.support import robots
 from tests.support.command import command
 from tests.support.robots import GRIPPER, hinge
 from tests.support.robots import build as build_text
@@ -120,8 +121,7 @@ def test_rest_state_and_export_are_those_of_the_relaxed_spring(tmp_path: Path) -
     assert twin.qpos == pytest.approx([1.5 / SPRING], abs=1e-6)
     assert twin.memory.torque == pytest.approx([0.0, 0.0], abs=1e-6)
     assert crosscheck(soft, samples=3, trajectories=False).passed
-    urdf = tmp_path / "soft.urdf"
-    urdf.write_text(write(soft.robot))
+    urdf = robots.write(tmp_path, write(soft.robot))
     assert softdyn.load(urdf).robot.joints == soft.robot.joints
     found = compare(urdf, softdyn.load("finger").robot.path)
     assert {one.where for one in found.causes} == {f"relaxation of {n}" for n in soft.joint_names}

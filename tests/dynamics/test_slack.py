@@ -18,9 +18,9 @@ from softdyn.dynamics.derivatives import (
 from softdyn.dynamics.integrators import step_rk4
 from softdyn.identification.unknowns.kinds import KINDS, Around, MotionSample
 from softdyn.statics.equilibrium import potential, residual
-from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
 from tests.support.oracles import gradient, relative
+from tests.support.random_robots import write_robot
 from tests.support.rigs import slackened
 from tests.support.robots import build, cable, slide
 

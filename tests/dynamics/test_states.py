@@ -8,11 +8,11 @@ import pytest
 import softdyn
 from softdyn import InputError, SoftModel
 from softdyn.dynamics.tree import TreeModel
-from tests.proof.crosschecks.random_robots import write_robot
-from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support.arms import PROJECTIONS
 from tests.support.balance_cases import balanced
+from tests.support.random_robots import write_robot
 from tests.support.robots import WALKER, write
+from tests.support.wrapped_robots import wrapped_robot
 
 SOURCES = ("finger", "helix", "spirob", "slack", "winched", *range(6), *PROJECTIONS, "walker",
            "wrapped")  # fmt: skip

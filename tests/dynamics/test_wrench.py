@@ -17,9 +17,9 @@ from softdyn.dynamics.forces import differences
 from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
-from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
 from tests.support.oracles import gradient, relative
+from tests.support.random_robots import write_robot
 from tests.support.robots import WALKER, write
 
 FORCE, TORQUE, POINT = [1.0, -2.0, 3.0], [0.3, 0.2, -0.1], [0.02, -0.01, 0.05]

@@ -20,8 +20,8 @@ from softdyn.estimation import Disturbance, Ekf, EkfParameters
 from softdyn.estimation.consistency import chi_squared_bounds, nees
 from softdyn.estimation.covariance import symmetrised, update
 from softdyn.sensing import Sensors
+from tests.support.rigs import sensors
 from tests.support.robots import WALKER, write
-from tests.support.sensed import sensors
 
 PERIOD = 0.005
 MEMORY = EkfParameters().memory

@@ -17,10 +17,10 @@ from softdyn.actuation import Winches
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.dynamics.projection import underlying_tree
 from softdyn.sensing import Sensors
-from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
-from tests.support.cart import CART, load
+from tests.support.cart import cart
 from tests.support.oracles import relative
+from tests.support.random_robots import write_robot
 from tests.support.rigs import measured, wound
 from tests.support.robots import GRIPPER, WALKER, write
 
@@ -236,9 +236,9 @@ def test_an_angle_s_error_is_the_short_way(tmp_path):
     assert again[k] == pytest.approx(-3.1)
 
 
-def test_a_cart_by_hand(tmp_path):
+def test_a_cart_by_hand():
     """m ẍ = u - k x - d ẋ; an accelerometer on its side reads ẍ and +g upwards."""
-    robot = load(tmp_path, CART.format(damping=0.3, stiffness=8.0, lower=-9, upper=9)).robot
+    robot = cart().robot
     sensors = (
         Sensor("imu", KIND.ACCELEROMETER, link="body", rpy=(math.pi / 2, 0.0, 0.0)),
         Sensor("gyro", KIND.GYRO, link="body"),

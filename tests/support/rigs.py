@@ -121,6 +121,19 @@ def turns(model: SoftModel) -> Log:
     return simulate(model, law, SetPoint(np.zeros(3)), duration=0.4, rig=Rig(latency=0.002))
 
 
+def sensors(model, **camera):
+    """The length of each driven tendon, and the tip from a camera."""
+    names = dict.fromkeys(actuator.tendon for actuator in model.robot.actuators)
+    lengths = [Sensor(name, KIND.LENGTH, tendon=name, noise=(5e-4,)) for name in names]
+    return *lengths, Sensor("camera", KIND.POSITION, link=model.robot.task, noise=(1e-3,), **camera)
+
+
+def sensed(name: str, **camera) -> SoftModel:
+    """A bundled robot with these sensors in its description."""
+    model = softdyn.load(name)
+    return softdyn.build(replace(model.robot, sensors=sensors(model, **camera)), model.bundled)
+
+
 def _rebuilt(model: SoftModel, **parts: object) -> SoftModel:
     """The model of the changed robot, reduced if the model is."""
     built = softdyn.build(replace(getattr(model, "full", model).robot, **parts))

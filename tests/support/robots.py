@@ -128,13 +128,14 @@ def hinge(
     path: Iterable[str] = (), tendon: dict[str, object] | None = None,
     drive: dict[str, object] | None = None,
     base: str = "", body: str = "", block: str = "", name: str = "hinge", child: str = "arm",
-    **of_joint: Any,
+    called: str = "small", **of_joint: Any,
 ) -> str:  # fmt: skip
     """An arm on a hinge about y.
 
     `tip` is the place of a massless link on it. `pull` gives the bounds of an input `u` that pulls
     `cable`, with a unit lever or over `path`; `tendon` and `drive` are attributes of both.
-    `base` and `body` stand inside the links; the rest goes to `joint`.
+    `base` and `body` stand inside the links. `name` is the joint's, `called` the robot's; the rest
+    goes to `joint`.
     """
     parts = [tag("link", base, name="base"), link(child, mass, com, moments, body)]
     parts.append(joint(name, "base", child, **of_joint))
@@ -143,13 +144,23 @@ def hinge(
     if pull is not None:
         drawn = cable("cable", *(path or [f"{name} 1"]), **(tendon or {}))
         block = drawn + motor("cable", *pull, gear, **(drive or {})) + block
-    return robot(name, *parts, block=block)
+    return robot(called, *parts, block=block)
 
 
 def slide(mass: float = 1.0, moments: object = 1e-3, *, axis: str = "1 0 0", **options: Any) -> str:
     """A block on a slide along x, with the options of `hinge`."""
     places = {"name": "slide", "child": "block", "axis": axis, "kind": "prismatic"}
-    return hinge(mass, None, moments, **places, **options)
+    return hinge(mass, None, moments, **places | options)
+
+
+def finger(
+    com: str | None = None, tip: str = "0.2 0 0", damping: float = 0.05, block: str = ""
+) -> str:
+    """A link of 0.1 kg on a hinge, with an input: the small robot of runs and sweeps."""
+    return hinge(
+        0.1, com, name="turn", child="body", limit=(-2, 2), damping=damping, tip=tip, pull=(-5, 5),
+        block=block, called="finger",
+    )  # fmt: skip
 
 
 def two_links(

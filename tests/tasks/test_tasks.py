@@ -33,9 +33,9 @@ from softdyn.tasks import (
 from softdyn.tasks.targets import exp3
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
-from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import EVERYTHING, loaded
 from tests.support.oracles import relative
+from tests.support.random_robots import write_robot
 from tests.support.robots import GRIPPER, WALKER, write
 
 BAR = 1e-7

@@ -23,9 +23,9 @@ from softdyn.validation.crosschecks.rigged import (
     RigMotion,
     quantities_of,
 )
-from tests.proof.crosschecks.random_robots import write_robot
 from tests.support import rigs, robots
 from tests.support.command import command
+from tests.support.random_robots import write_robot
 
 
 @pytest.fixture

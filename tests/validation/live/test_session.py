@@ -26,7 +26,7 @@ from softdyn.view.live.frames import Columns
 from softdyn.view.live.messages import OPEN_LOOP
 from softdyn.view.live.pacing import Clock, ClockStatistics
 from tests.support import robots
-from tests.support.sensed import sensed
+from tests.support.rigs import sensed
 
 
 @pytest.fixture(scope="module")

@@ -22,8 +22,8 @@ from softdyn.validation.mjcf.comparison.dynamics import (
 from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf, from_mjcf
 from softdyn.validation.mjcf.comparison.side import Side, neutral
 from softdyn.validation.mjcf.mjcf_file import read_mjcf
-from tests.support import one_feature, robots
-from tests.support import terms as oracle
+from tests.support import mjcf_features, robots
+from tests.support import neutral_terms as oracle
 
 WALKER = """
 <mujoco>
@@ -107,7 +107,7 @@ MASSES = """
 """
 
 
-@pytest.mark.parametrize("text", [WALKER, BALL, MASSES, one_feature.BASE])
+@pytest.mark.parametrize("text", [WALKER, BALL, MASSES, mjcf_features.BASE])
 def test_an_mjcf_against_the_users_own_model_and_the_oracle(tmp_path, text):
     path = tmp_path / "robot.xml"
     path.write_text(text)
