@@ -33,7 +33,7 @@ from softdyn.validation import Log, paper, simulate
 from softdyn.view.live.channel import Channel
 from tests.support import PATIENCE
 from tests.support.control_cases import drawn, robot
-from tests.support.held import LAWS, Uses, objects
+from tests.support.public_objects import LAWS, Uses, objects
 
 ROOMS = (
     softdyn, actuation, controllers, design, estimation, safety, sensing, statics, tasks,
@@ -85,7 +85,7 @@ def held():
 
 def test_every_public_class_is_here(held):
     left = public_classes() - {kind for one, _ in held for kind in type(one).__mro__}
-    assert not left, "give tests/support/held.py an object of each"
+    assert not left, "give tests/support/public_objects.py an object of each"
 
 
 @every_copy

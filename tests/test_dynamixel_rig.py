@@ -16,7 +16,7 @@ from softdyn.examples import dynamixel_rig as example
 from softdyn.validation.bench.drive import Drive, hold_commands
 from softdyn.validation.bench.fail_safe import StopCause
 from tests.support import ROOT, dynamixel_bus
-from tests.support.benched import Hands
+from tests.support.bench import Hands
 from tests.support.command import command
 from tests.support.sweeps import wait_for
 
@@ -154,7 +154,7 @@ def test_the_motors_own_watchdog_is_set_and_taken_back(model, bus):
 
 
 def test_sensors_that_motors_cannot_read_are_refused():
-    from tests.support.benched import benched
+    from tests.support.bench import bench_arm
 
     with pytest.raises(ValueError, match="motors read lengths and tensions"):
-        example.DynamixelRig(benched())
+        example.DynamixelRig(bench_arm())

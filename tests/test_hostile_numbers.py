@@ -23,8 +23,7 @@ from softdyn.controllers import CONTROLLERS, Command, Gains, Status
 from softdyn.description.rig import Actuator
 from softdyn.dynamics.integrators import step_implicit, step_rk4
 from softdyn.validation import simulate
-from tests.proof import hostile as worst
-from tests.proof.timing import hostile
+from tests.support import hostile_states
 from tests.support.control_cases import BUNDLED, GAINS, drawn, robot
 from tests.support.refused import refused
 
@@ -57,14 +56,14 @@ def ask(controller, state: State, reference: object) -> Command:
 # -- forged states and references, in any combination --------------------------------------------
 
 values = st.one_of(
-    st.sampled_from(hostile.VALUES),
+    st.sampled_from(hostile_states.VALUES),
     st.floats(allow_nan=True, allow_infinity=True, allow_subnormal=True),
 )
 changes = st.dictionaries(
-    st.sampled_from(hostile.FIELDS), st.tuples(values, st.booleans()), max_size=4
+    st.sampled_from(hostile_states.FIELDS), st.tuples(values, st.booleans()), max_size=4
 )
 finite = st.one_of(
-    st.sampled_from([v for v in hostile.VALUES if np.isfinite(v)]),
+    st.sampled_from([v for v in hostile_states.VALUES if np.isfinite(v)]),
     st.floats(allow_nan=False, allow_infinity=False),
 )
 points = st.lists(finite, min_size=3, max_size=3)
@@ -86,7 +85,7 @@ points = st.lists(finite, min_size=3, max_size=3)
 def test_any_combination_keeps_the_contract(name, which, case, changes, reference) -> None:
     controller = controller_of(name, which)
     state, ordinary = drawn(which)[case]
-    ask(controller, hostile.forge(state, changes), reference or ordinary)
+    ask(controller, hostile_states.forge(state, changes), reference or ordinary)
     assert ask(controller, state, ordinary).status is Status.OK  # and no later answer is affected
 
 
@@ -94,7 +93,7 @@ def test_any_combination_keeps_the_contract(name, which, case, changes, referenc
 @pytest.mark.parametrize("which", ["finger", "spirob"])
 def test_ranks_that_fail(name: str, which: str) -> None:
     controller, (state, ordinary) = controller_of(name, which), drawn(which)[4]
-    for _, broken in hostile.degenerate(state):
+    for _, broken in hostile_states.degenerate(state):
         ask(controller, broken, ordinary)
         ask(controller, broken, SetPoint(broken.y))
     still = robot(which).state(state.q, 0 * state.v)
@@ -255,7 +254,7 @@ def test_bounds_that_one_input_meets_are_met(name: str) -> None:
     model = softdyn.build(replace(parsed, actuators=held))
     controller, (other, goal) = CONTROLLERS[name](model, GAINS), drawn("finger")[3]
     state = model.state(other.q, other.v)
-    for asked in (state, hostile.forge(state, {"M": (np.nan, False)})):
+    for asked in (state, hostile_states.forge(state, {"M": (np.nan, False)})):
         np.testing.assert_array_equal(controller(asked, goal).u, 0.25)
 
 
@@ -305,14 +304,3 @@ def test_a_diverging_loop_ends_with_its_time_and_reason(name: str, tmp_path) -> 
     again = type(fast).load(tmp_path / "run.npz")
     assert (again.reason, len(again.t)) == (fast.reason, len(fast.t))
     assert np.isfinite(again.u).all()
-
-
-# -- the benchmark -------------------------------------------------------------------------------
-
-
-def test_the_benchmark_of_the_worst_step(capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["--robots", "finger", "--controllers", "ic", "--rounds", "1"]
-    assert worst.main(arguments) in (0, 1)  # the time is a measurement, not a test
-    out = capsys.readouterr().out
-    assert out.startswith("robot ")
-    assert "0 answers not finite or out of bounds" in out

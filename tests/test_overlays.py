@@ -15,7 +15,7 @@ from softdyn import UrdfError
 from softdyn.controllers import Gains, SoftIdClfQp
 from softdyn.description.urdf import parse
 from softdyn.validation import crosscheck, paper, simulate
-from tests.support import ROOT
+from tests.support import ROOT, robots
 from tests.support.misuses import ARM
 from tests.support.refused import refused
 
@@ -33,8 +33,7 @@ TARGETS = {  # robot, example, reached within 1 mm in 4 s
 
 @pytest.fixture
 def arm(tmp_path: Path) -> Path:
-    path = tmp_path / "arm.urdf"
-    path.write_text(PLAIN)
+    path = robots.write(tmp_path, PLAIN, "arm.urdf")
     return path
 
 
@@ -45,8 +44,7 @@ def overlay(folder: Path, inside: str, head: str = '<softdyn version="1">') -> P
 
 
 def test_the_block_says_the_same_in_either_file(arm, tmp_path):
-    whole = tmp_path / "whole.urdf"
-    whole.write_text(ARM)
+    whole = robots.write(tmp_path, ARM, "whole.urdf")
     apart = softdyn.load(arm, annotations=overlay(tmp_path, INSIDE))
     beside = softdyn.load(whole)
     q, v = apart.configuration(np.linspace(-0.3, 0.3, apart.nv)), np.linspace(-1, 1, apart.nv)

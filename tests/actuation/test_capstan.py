@@ -14,11 +14,11 @@ from softdyn import Robot, SoftModel
 from softdyn.actuation import Capstan
 from softdyn.description.robot import JointTerm, PathEnd, Site, Tendon, Wrap
 from softdyn.description.urdf import parse_text
-from tests.proof.crosschecks.wrapped_robots import wrapped_robot
+from tests.support.cable_chains import chain, pulled
 from tests.support.misuses import ARM
 from tests.support.oracles import gradient, relative
 from tests.support.refused import refused
-from tests.support.rubbing import chain, pulled
+from tests.support.wrapped_robots import wrapped_robot
 
 
 def planar(joints: int, length: float = 0.2) -> Robot:

@@ -15,7 +15,7 @@ import pytest
 from softdyn.commands import __main__ as softdyn_command
 from softdyn.commands import cli
 from softdyn.commands.__main__ import NAMES, main
-from tests.support import ROOT, SCRIPTS, preloaded
+from tests.support import ROOT, SCRIPTS, robots
 from tests.support.command import command
 
 HELPERS = {"__init__", "__main__", "cli", "study_options"}
@@ -235,8 +235,7 @@ USELESS = [
 
 @pytest.mark.parametrize(("words", "option", "reason"), USELESS)
 def test_an_option_that_changes_nothing_says_so(tmp_path, words, option, reason):
-    file = tmp_path / "arm.urdf"
-    file.write_text(preloaded.text())
+    file = robots.write(tmp_path, robots.preloaded())
     with pytest.warns(UserWarning, match=f"{option} changes nothing: .*{reason}") as told:
         done = command(words[0], file, *words[1:], cwd=tmp_path)
     assert done.code in (0, 1), done.err
@@ -244,7 +243,7 @@ def test_an_option_that_changes_nothing_says_so(tmp_path, words, option, reason)
 
 
 def test_keys_of_a_rig_that_change_nothing_say_so(tmp_path):
-    (tmp_path / "arm.urdf").write_text(preloaded.text())
+    (tmp_path / "arm.urdf").write_text(robots.preloaded())
     (tmp_path / "rig.toml").write_text(
         "stiffness = 500\nlag = 0.01\n[plant]\nfriction = true\ncontacts = true\n"
     )
@@ -266,7 +265,7 @@ def test_keys_of_a_rig_that_change_nothing_say_so(tmp_path):
     ],
 )
 def test_a_bad_rig_file_is_named(tmp_path, text, said):
-    (tmp_path / "arm.urdf").write_text(preloaded.text())
+    (tmp_path / "arm.urdf").write_text(robots.preloaded())
     (tmp_path / "rig.toml").write_text(text)
     words = ("arm.urdf", "--rig", "rig.toml", "--seconds", "0.01")
     done = command("rollout", *words, cwd=tmp_path)
@@ -274,15 +273,14 @@ def test_a_bad_rig_file_is_named(tmp_path, text, said):
 
 
 def test_an_option_with_a_use_says_nothing(tmp_path, recwarn):
-    file = tmp_path / "arm.urdf"
-    file.write_text(preloaded.text())
+    file = robots.write(tmp_path, robots.preloaded())
     done = command("statics", file, "--inputs", "9", "5", "--hold", "0.02", "--json", "-")
     assert done.code == 0, done.err
     assert not recwarn.list
 
 
 def test_obstacles_of_a_robot_without_shapes_are_refused(tmp_path):
-    (tmp_path / "arm.urdf").write_text(preloaded.text())
+    (tmp_path / "arm.urdf").write_text(robots.preloaded())
     (tmp_path / "around.toml").write_text("[[sphere]]\ncentre = [1.0, 0, 0]\nradius = 0.1\n")
     (tmp_path / "gains.toml").write_text("Kp = 100.0\neps = 0.05\n")
     target, around = ("--target", "0.02", "0", "-0.199"), ("--obstacles", "around.toml")
@@ -300,7 +298,7 @@ def test_obstacles_of_a_robot_without_shapes_are_refused(tmp_path):
 
 def test_a_preload_can_be_exported(tmp_path):
     """MuJoCo refuses a range of width zero."""
-    (tmp_path / "arm.urdf").write_text(preloaded.text())
+    (tmp_path / "arm.urdf").write_text(robots.preloaded())
     done = command("export", "arm.urdf", "--mjcf", "arm.xml", cwd=tmp_path)
     assert done.code == 0, done.err
     assert "the files agree" in done.out

@@ -14,7 +14,7 @@ from softdyn.estimation import Ekf, observe, observe_run
 from softdyn.sensing import Sensors
 from softdyn.validation import Rig, simulate
 from tests.support.command import command
-from tests.support.sensed import sensed, sensors
+from tests.support.rigs import sensed, sensors
 
 RIG = "lengths=0.0005@1000,tip=0.001@60+0.03"
 

@@ -16,6 +16,7 @@ from softdyn.validation import Log, paper, simulate
 from tests.support import PATIENCE, ROOT, SCRIPTS
 from tests.support.command import command, of_itself
 from tests.support.forked import forked
+from tests.support.robots import finger
 
 KEYS = {
     "record",
@@ -48,20 +49,6 @@ class Unbuildable:
     def __init__(self, model):
         raise KeyError("nothing")
 """
-PENDULUM = """<robot name="finger">
-  <link name="base"/>
-  <link name="body"><inertial><mass value="0.1"/>
-    <inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>
-  <link name="tip"/>
-  <joint name="turn" type="revolute"><parent link="base"/><child link="body"/><axis xyz="0 1 0"/>
-    <limit lower="-2" upper="2" effort="1" velocity="1"/><dynamics damping="0.05"/></joint>
-  <joint name="end" type="fixed"><parent link="body"/><child link="tip"/>
-    <origin xyz="{length} 0 0"/></joint>
-  <softdyn version="1">
-    <tendon name="cable"><joint name="turn" coef="1"/></tendon>
-    <actuator name="u" tendon="cable" gear="1" lower="-5" upper="5"/>
-  </softdyn>
-</robot>"""
 
 
 @pytest.fixture
@@ -69,8 +56,8 @@ def folder(tmp_path, monkeypatch):
     """A user's folder as the working directory."""
     (tmp_path / "own.py").write_text(OWN)
     (tmp_path / "neighbour.py").write_text("FORCE = 0.25\n")
-    (tmp_path / "arm.urdf").write_text(PENDULUM.format(length=0.2))
-    (tmp_path / "point.urdf").write_text(PENDULUM.format(length=0))
+    (tmp_path / "arm.urdf").write_text(finger())
+    (tmp_path / "point.urdf").write_text(finger(tip="0 0 0"))
     monkeypatch.chdir(tmp_path)
     for name in ("own", "neighbour"):
         monkeypatch.delitem(sys.modules, name, raising=False)

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from tests.support import micro
+from tests.support import robots
 from tests.support.command import command
 
 OWN = """
@@ -33,7 +33,7 @@ def test_the_figures_of_a_controller():
 
 def test_an_own_robot_and_controller(tmp_path):
     (tmp_path / "own.py").write_text(OWN.replace("LAST", "-1"))
-    robot = micro.write(tmp_path, micro.GRIPPER)
+    robot = robots.write(tmp_path, robots.GRIPPER)
     own = f"{tmp_path}/own.py:Slow"
     done = command("step-time", robot, own, "--seconds", 0.1, "--period", 0.01, "--json", "-")
     assert done.code == 0, done.err

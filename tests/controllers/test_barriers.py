@@ -26,9 +26,9 @@ from softdyn.controllers.qps.task_qp import BACKOFF
 from softdyn.safety import HalfSpace, KeepOutSphere
 from softdyn.validation import simulate
 from softdyn.validation.loop.setups import setup_of
-from tests.proof.paper.solvers import SymbolicQp
 from tests.support.control_cases import BUNDLED, GAINS, drawn, gains_of, robot
-from tests.support.printed import printed, solve_quadprog
+from tests.support.exact_qps import printed, solve_quadprog
+from tests.support.qp_solvers import SymbolicQp
 from tests.support.refused import refused
 
 TAU = 0.03

@@ -12,7 +12,7 @@ from softdyn.controllers.predictive.rest_target import RestTargets
 from softdyn.dynamics.derivatives import stiffness
 from softdyn.validation import paper
 from tests.support.control_cases import robot
-from tests.support.predictive import KNOTS
+from tests.support.predictive_cost import KNOTS
 
 
 def test_the_least_buckling_input_bends_nothing_and_makes_the_stiffness_singular() -> None:

@@ -9,10 +9,10 @@ import scipy.optimize
 from softdyn import Reference
 from softdyn.controllers import ClfQp
 from softdyn.controllers.qps.least_norm import bounded_least_norm
-from tests.proof.paper.paper_qps import clf_qp, lyapunov, tip
-from tests.proof.paper.solvers import LeastNorm, Quadprog
 from tests.support.control_cases import BUNDLED, GAINS, MICRO, drawn, recorded, robot
-from tests.support.printed import printed
+from tests.support.exact_qps import printed
+from tests.support.paper_qps import clf_qp, lyapunov, tip
+from tests.support.qp_solvers import LeastNorm, Quadprog
 
 
 def linearisation(state, reference, gains):

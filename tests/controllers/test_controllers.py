@@ -29,6 +29,7 @@ from softdyn.controllers import (
 from softdyn.controllers.controller import GuardedController
 from softdyn.controllers.schedule import tuned
 from softdyn.description import library as catalogue
+from tests.support import robots
 from tests.support.control_cases import BUNDLED, GAINS, MICRO, drawn, recorded, robot
 from tests.support.refused import refused
 
@@ -236,8 +237,7 @@ def test_what_is_no_model_is_refused(law: Any) -> None:
 def test_a_robot_without_inputs_is_refused(name: str, tmp_path: Path) -> None:
     text = catalogue.BUNDLED.joinpath("finger.urdf").read_text()
     lines = [line for line in text.splitlines() if "<actuator" not in line]
-    path = tmp_path / "passive.urdf"
-    path.write_text("\n".join(lines))
+    path = robots.write(tmp_path, "\n".join(lines), "passive.urdf")
     with refused("model", "none"):
         CONTROLLERS[name](softdyn.load(path), GAINS)
 

@@ -13,7 +13,7 @@ from softdyn import SoftdynError
 from softdyn.controllers import CONTROLLERS, Gains, Mpc, SoftIdClfQp
 from softdyn.controllers.gains import from_table, resolve
 from softdyn.controllers.staged import best
-from tests.support import ROOT
+from tests.support import ROOT, robots
 from tests.support.control_cases import BUNDLED, GAINS, robot
 from tests.support.refused import refused
 
@@ -127,8 +127,7 @@ def test_what_a_robot_without_gains_or_inputs_is_told(tmp_path):
     (tmp_path / "own.urdf").write_text(text)
     with refused("gains", None):
         SoftIdClfQp(softdyn.load(tmp_path / "own.urdf"))
-    (tmp_path / "bare.urdf").write_text(re.sub(r"<softdyn.*</softdyn>", "", text, flags=re.S))
-    model = softdyn.load(tmp_path / "bare.urdf")
+    model = robots.load(tmp_path, re.sub(r"<softdyn.*</softdyn>", "", text, flags=re.S))
     for law in (SoftIdClfQp, Mpc, best):
         with refused("model", "none"):
             law(model)

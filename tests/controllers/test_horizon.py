@@ -13,10 +13,10 @@ from softdyn.compiled import COMPILES
 from softdyn.controllers import SoftIdClfQp
 from softdyn.controllers.qps import horizon, linear_algebra, soft_inverse_dynamics
 from softdyn.controllers.qps.horizon import Horizon
-from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.control_cases import BUNDLED, GAINS, drawn, gains_of, robot
+from tests.support.exact_qps import printed, solve_quadprog
 from tests.support.oracles import gradient, relative
-from tests.support.printed import printed, solve_quadprog
+from tests.support.random_robots import write_robot
 from tests.support.refused import refused
 
 ROBOTS = ("finger", "spirob", "n < 3 + m", "sliding and turning")

@@ -22,8 +22,6 @@ from softdyn.controllers.qps.task_qp import BACKOFF
 from softdyn.controllers.qps.tip_error import TipError
 from softdyn.dynamics.integrators import step_implicit
 from softdyn.validation import paper
-from tests.proof.paper.paper_qps import RANK_TOLERANCE, actuated_rows, ic_qp, id_clf_qp
-from tests.proof.paper.solvers import SolverAnswer, SymbolicQp, Term
 from tests.support.control_cases import (
     BUNDLED,
     GAINS,
@@ -34,7 +32,9 @@ from tests.support.control_cases import (
     recorded,
     robot,
 )
-from tests.support.printed import printed, solve_daqp, solve_quadprog, with_input
+from tests.support.exact_qps import printed, solve_daqp, solve_quadprog, with_input
+from tests.support.paper_qps import RANK_TOLERANCE, actuated_rows, ic_qp, id_clf_qp
+from tests.support.qp_solvers import SolverAnswer, SymbolicQp, Term
 from tests.support.refused import refused
 
 RIDGE = 1e-7  # of the proximal iteration on semidefinite QPs

@@ -9,8 +9,8 @@ from softdyn import Reference, State
 from softdyn.controllers import Impedance, UnderactuatedImpedance
 from softdyn.controllers.impedance import add_actuated, task_force
 from softdyn.controllers.qps.linear_algebra import row_space
-from tests.proof.paper.paper_qps import impedance, inputs, tip, underactuated
 from tests.support.control_cases import BUNDLED, drawn, gains_of, recorded, robot
+from tests.support.paper_qps import impedance, inputs, tip, underactuated
 
 LAWS = {"ic": Impedance, "uic": UnderactuatedImpedance}
 

@@ -21,15 +21,15 @@ from softdyn.controllers.barriers import JointLimits
 from softdyn.tasks import AxisTask, PointTask, StackedReference, Target, Task
 from softdyn.validation.loop.certificate import TrueRate
 from tests.controllers.test_several_tasks import goals, middle, stacked
-from tests.proof.paper.paper_qps import (
+from tests.support.control_cases import drawn, gains_of, robot
+from tests.support.paper_qps import (
     RANK_TOLERANCE,
     TaskTerms,
     actuated_rows,
     lyapunov,
     null_projector,
 )
-from tests.proof.paper.solvers import Quadprog, SymbolicQp, Term, unknowns
-from tests.support.control_cases import drawn, gains_of, robot
+from tests.support.qp_solvers import Quadprog, SymbolicQp, Term, unknowns
 from tests.support.refused import refused
 
 RIDGE = 1e-7  # of the proximal iteration on semidefinite QPs

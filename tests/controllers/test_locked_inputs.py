@@ -10,7 +10,7 @@ import pytest
 from softdyn import SetPoint
 from softdyn.controllers.registry import make_controller
 from softdyn.validation import simulate
-from tests.support import preloaded
+from tests.support import robots
 
 LAWS = ("soft-id-clf-qp", "id-clf-qp", "clf-qp", "ic", "uic", "ic-qp", "mpc")
 BOUNDS = [
@@ -26,9 +26,9 @@ BOUNDS = [
 @pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize("bounds", BOUNDS, ids=str)
 def test_every_step_is_solved(tmp_path: Path, name: str, bounds: tuple[float, float]) -> None:
-    model = preloaded.load(tmp_path, *bounds)
+    model = robots.load(tmp_path, robots.preloaded(*bounds))
     table = None if name == "mpc" else {"Kp": 100.0, "eps": 0.1}
-    for target in (preloaded.TARGET, (-0.05, 0.0, -0.19)):
+    for target in (robots.PRELOADED_TIP, (-0.05, 0.0, -0.19)):
         law = make_controller(name, model, table)
         log = simulate(model, law, SetPoint(target), duration=0.3)
         assert (log.not_solved, log.fallbacks) == (0, 0)
@@ -41,7 +41,7 @@ def test_almost_locked_is_locked(tmp_path: Path, name: str) -> None:
     table = None if name == "mpc" else {"Kp": 100.0, "eps": 0.1}
     logs = []
     for upper in (5.0, 5.0 + 1e-9):
-        model = preloaded.load(tmp_path, 5.0, upper)
+        model = robots.load(tmp_path, robots.preloaded(5.0, upper))
         law = make_controller(name, model, table)
-        logs.append(simulate(model, law, SetPoint(preloaded.TARGET), duration=0.2))
+        logs.append(simulate(model, law, SetPoint(robots.PRELOADED_TIP), duration=0.2))
     np.testing.assert_allclose(logs[1].u[:, 0], logs[0].u[:, 0], atol=1e-5)

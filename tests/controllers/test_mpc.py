@@ -21,7 +21,7 @@ from softdyn.description import library as catalogue
 from softdyn.design.source import read
 from softdyn.dynamics.derivatives import tangent_dynamics
 from softdyn.validation import paper, simulate
-from tests.support import micro, predictive
+from tests.support import predictive_cost, robots
 from tests.support.control_cases import BUNDLED, MICRO, drawn, robot
 from tests.support.refused import refused
 
@@ -67,7 +67,7 @@ def test_the_prediction_is_the_robot_nearby(which: str) -> None:
     step, count = 0.01, 10
     z, push = np.zeros(2 * model.nv), state.B @ w
     for _ in range(count):
-        z = predictive.alexander(state.M, K, D, push, z, step)
+        z = predictive_cost.alexander(state.M, K, D, push, z, step)
     small = step * count / 400
     x, dx = q.copy(), v.copy()
     S = np.linalg.inv(state.M + small * D + small**2 * K)
@@ -86,7 +86,7 @@ def test_the_method_has_order_two_and_damps_what_is_stiff() -> None:
     for count in (10, 20, 40):  # x'' + 0.3 x' + 9 x = 9 from rest for 1 s
         z = np.zeros(2)
         for _ in range(count):
-            z = predictive.alexander(one, 9 * one, 0.3 * one, np.full(1, 9.0), z, 1 / count)
+            z = predictive_cost.alexander(one, 9 * one, 0.3 * one, np.full(1, 9.0), z, 1 / count)
         w = np.sqrt(9 - 0.15**2)
         exact = 1 - np.exp(-0.15) * (np.cos(w) + 0.15 / w * np.sin(w))
         errors.append(abs(z[0] - exact))
@@ -94,7 +94,7 @@ def test_the_method_has_order_two_and_damps_what_is_stiff() -> None:
     assert (orders > 1.8).all()
     z = np.array([0.0, 1.0])
     for _ in range(3):
-        z = predictive.alexander(one, one, 1e6 * one, np.zeros(1), z, 0.1)
+        z = predictive_cost.alexander(one, one, 1e6 * one, np.zeros(1), z, 0.1)
     assert abs(z[1]) < 1e-5
 
 
@@ -119,7 +119,7 @@ def test_condensing_is_superposition(which: str, shape: bool) -> None:
         means = [np.interp(np.arange(8) + 0.5, (0, *knots), inputs) for inputs in line.T]
         z, result = np.concatenate((p, v)), []
         for k, w in enumerate(np.transpose(means)):
-            z = predictive.alexander(state.M, K, D, force + state.B @ w, z, step)
+            z = predictive_cost.alexander(state.M, K, D, force + state.B @ w, z, step)
             result += [*(error[k] + rows @ z[:n]), *(metric @ z[n:] - pace[k])]
         return np.array(result)
 
@@ -283,7 +283,7 @@ max_tension_N = 30
 
 def test_cables_that_pull_a_joint_to_either_stop_are_passed(tmp_path: Path) -> None:
     """Beyond some tension, joint 2 is unstable within 12 ms; the tip comes to its target behind."""
-    model = softdyn.load(micro.write(tmp_path, read(tomllib.loads(PULLEYS)).text))
+    model = softdyn.load(robots.write(tmp_path, read(tomllib.loads(PULLEYS)).text))
     goal = statics.settle(model, np.array([17.15, 6.65, 8.48]))
     log = simulate(model, Mpc(model), SetPoint(goal.y), period=0.005, duration=1)
     error = 100 * np.linalg.norm(log.error, axis=1)
@@ -303,7 +303,7 @@ def test_what_the_model_does_not_know_leaves_no_offset() -> None:
 
 @pytest.mark.parametrize("which", ["finger", "helix", "sliding and turning"])
 def test_cost_and_estimate_are_those_of_their_definitions(which: str) -> None:
-    """Every term of the QP equals `tests.support.predictive`, which simulates the horizon.
+    """Every term of the QP equals `tests.support.predictive_cost`, which simulates the horizon.
 
     The second call is compared, too, because it has estimated forces, which the first lacks.
     """
@@ -326,8 +326,8 @@ def test_cost_and_estimate_are_those_of_their_definitions(which: str) -> None:
     goal = Reference(first.y + 0.01, ydot=[0.1, -0.2, 0.3], yddot=[2.0, 1.0, -3.0])
     u = controller(first, goal).u
     assert np.abs(u).max() > 0
-    base = predictive.euler(first, u, np.zeros(model.nv), held[0], period)
-    columns = [predictive.euler(first, u, f, held[0], period) - base for f in np.eye(model.nv)]
+    base = predictive_cost.euler(first, u, np.zeros(model.nv), held[0], period)
+    columns = [predictive_cost.euler(first, u, f, held[0], period) - base for f in np.eye(model.nv)]
     missed = np.linalg.solve(np.transpose(columns), second.v - base)
     # a state this far from its prediction is a new one for the filter
     assert np.abs(model.coordinates(second.q) - model.coordinates(first.q)).max() > 0.5
@@ -339,14 +339,14 @@ def test_cost_and_estimate_are_those_of_their_definitions(which: str) -> None:
 
     def cost(x: np.ndarray) -> float:
         knots = u + x.reshape(-1, model.nu)
-        return predictive.cost(model, second, goal, u, held[1], unmodelled, knots)
+        return predictive_cost.cost(model, second, goal, u, held[1], unmodelled, knots)
 
     zero = np.zeros(len(problem.g))
     for x in rng.normal(size=(4, len(zero))) * np.tile(np.abs(u).max(), len(zero)):
         wanted = cost(x) - cost(zero)
         assert x @ problem.H @ x / 2 + problem.g @ x == pytest.approx(wanted, rel=1e-6)
     x = full(controller, seen)
-    constant = cost(zero) - predictive.size(model, u)
+    constant = cost(zero) - predictive_cost.size(model, u)
     least = constant + x @ problem.H @ x / 2 + problem.g @ x
     predicted = answer.V
     assert predicted == pytest.approx(least, rel=1e-6, abs=1e-9 * constant)
@@ -415,16 +415,7 @@ def test_references_are_extrapolated() -> None:
     assert np.abs(moving - still).max() > 1e-3
 
 
-def test_a_tip_that_no_joint_moves_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "arm.urdf"
-    path.write_text(
-        '<robot name="arm"><link name="base"/><link name="arm"><inertial><origin xyz="0.1 0 0"/>'
-        '<mass value="0.3"/><inertia ixx="1e-4" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/>'
-        '</inertial></link><joint name="hinge" type="revolute"><parent link="base"/>'
-        '<child link="arm"/><axis xyz="0 1 0"/>'
-        '<limit lower="-3" upper="3" effort="9" velocity="9"/></joint><softdyn version="1">'
-        '<tendon name="t"><joint name="hinge" coef="1"/></tendon>'
-        '<actuator name="u" tendon="t" lower="-1" upper="1"/></softdyn></robot>'
-    )
-    with refused("arm.urdf: <task>", "'arm', which stands still"):
-        Mpc(softdyn.load(path))
+def test_a_tip_that_no_joint_moves_is_refused() -> None:
+    text = robots.hinge(0.3, "0.1 0 0", "1e-4 1e-3 1e-3", limit=(-3, 3), pull=(-1, 1))
+    with refused("<task>", "'arm', which stands still"):
+        Mpc(robots.build(text))

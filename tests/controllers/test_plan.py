@@ -20,13 +20,12 @@ TARGET = RestTarget(np.array([0.1]), np.array([cart.STIFFNESS * 0.1]), True, 0.0
 
 
 @pytest.fixture
-def slide(tmp_path, monkeypatch) -> SoftModel:
+def slide(monkeypatch) -> SoftModel:
     """A cart on a spring: its dynamics are linear, so that one pass is exact."""
     monkeypatch.setattr(planning, "STEPS", 30)
     monkeypatch.setattr(ilqr, "SETTLED", 1e-12)
     monkeypatch.setattr(planning, "USEFUL", np.inf)  # the way is short, and so is the time
-    text = cart.CART.format(damping=cart.DAMPING, stiffness=cart.STIFFNESS, lower=-1.0, upper=1.5)
-    return cart.load(tmp_path, text)
+    return cart.cart(-1.0, 1.5)
 
 
 def best_commands(model: SoftModel, lag: float, form: float, count: int) -> np.ndarray:

@@ -11,9 +11,9 @@ from softdyn.controllers.predictive.rest_target import RestTarget, RestTargets
 from softdyn.controllers.predictive.state_filter import StateFilter
 from softdyn.validation import paper, simulate
 from softdyn.validation.twin.rig import Rig
-from tests.support import predictive
+from tests.support import predictive_cost
 from tests.support.control_cases import robot
-from tests.support.predictive import KNOTS
+from tests.support.predictive_cost import KNOTS
 
 
 def run_filter(
@@ -135,7 +135,7 @@ def test_a_target_adds_its_terms_to_the_objective(stable: bool) -> None:
         problems.append(seen)
     first = next(k for k, (a, b) in enumerate(zip(*problems, strict=True)) if np.any(a.H != b.H))
     one, other = (seen[first] for seen in problems)
-    lengths, (_, R) = np.diag(np.diff((0, *KNOTS))), predictive.metric(model)
+    lengths, (_, R) = np.diag(np.diff((0, *KNOTS))), predictive_cost.metric(model)
     inputs = 2e-3 * np.kron(lengths, np.diag(np.diag(R)))
     if stable:
         np.testing.assert_allclose(one.H - other.H, inputs, atol=1e-9 * np.abs(one.H).max())

@@ -18,9 +18,10 @@ from softdyn.controllers.proposed_gains import SAMPLED, SINGULAR, _Place, advice
 from softdyn.controllers.safety_filter import with_barriers
 from softdyn.safety import KeepOutSphere, Surroundings
 from softdyn.validation import simulate
+from tests.support import robots
 from tests.support.arms import RUBBER, loaded
 from tests.support.refused import refused
-from tests.support.turret import TURRET
+from tests.support.robots import TURRET
 
 PERIOD = 0.004
 PLANE = ("bend_y",)
@@ -172,8 +173,7 @@ def test_a_robot_without_inputs_is_refused(tmp_path: Path) -> None:
 
 def test_a_direction_without_stiffness_has_no_frequency(tmp_path: Path) -> None:
     """A turret's slowest mode is that of its arm in the plane, which the turn does not enter."""
-    (tmp_path / "turret.urdf").write_text(TURRET)
-    model = softdyn.load(tmp_path / "turret.urdf")
+    model = robots.load(tmp_path, TURRET)
     found = propose(model, PERIOD)
     assert found.decay > 0
     one = statics.rest(model)

@@ -16,8 +16,8 @@ from softdyn.controllers.qps.qp import (
     QpSolution,
     residuals,
 )
-from tests.proof.paper.solvers import SymbolicQp, Term, unknowns
-from tests.support.printed import solve_daqp, solve_quadprog
+from tests.support.exact_qps import solve_daqp, solve_quadprog
+from tests.support.qp_solvers import SymbolicQp, Term, unknowns
 
 PATIENCE = 10.0  # s of processor time; a hang takes at least 25 s
 INF = np.inf

@@ -29,10 +29,10 @@ from softdyn.tasks import (
 )
 from softdyn.tasks.targets import exp3
 from softdyn.validation import simulate
-from tests.proof.paper import paper_qps
-from tests.proof.paper.paper_qps import TaskTerms
-from tests.proof.paper.solvers import LeastNorm, Quadprog, Unsolved, unknowns
+from tests.support import paper_qps
 from tests.support.control_cases import drawn, gains_of, robot
+from tests.support.paper_qps import TaskTerms
+from tests.support.qp_solvers import LeastNorm, Quadprog, Unsolved, unknowns
 from tests.support.refused import refused
 
 RIDGE = 1e-7  # of the proximal iteration on CLF-QP's semidefinite QP

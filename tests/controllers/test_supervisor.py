@@ -32,12 +32,11 @@ LEAST = np.array([0.02])
 
 
 @pytest.fixture
-def slide(tmp_path, monkeypatch) -> SoftModel:
+def slide(monkeypatch) -> SoftModel:
     """A cart on a spring, with plans of 0.3 s."""
     monkeypatch.setattr(planning, "STEPS", 30)
     monkeypatch.setattr(planning, "USEFUL", np.inf)  # the way is short, and so is the time
-    text = cart.CART.format(damping=cart.DAMPING, stiffness=cart.STIFFNESS, lower=-1.0, upper=1.5)
-    return cart.load(tmp_path, text)
+    return cart.cart(-1.0, 1.5)
 
 
 class Rests:

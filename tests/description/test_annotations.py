@@ -6,6 +6,7 @@ from softdyn import UrdfError
 from softdyn.description.urdf import parse
 from tests.support import ROOT
 from tests.support.refused import refused
+from tests.support.robots import cable, joint, link, robot, write
 
 
 @pytest.mark.parametrize(
@@ -45,22 +46,13 @@ def test_letters_left_out_are_a_slip_one_of_four_to_six_and_two_of_more(name, tm
 
 def test_sites_of_different_links_are_apart(tmp_path):
     """In both orders; on one link a site may occur twice."""
-    inertial = (
-        '<inertial><mass value="1"/>'
-        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-    )
-    links = f'<link name="a"/><link name="b">{inertial}</link>'
-    joint = '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint>'
-    site = '<site link="{}" xyz="0.1 0 0"/>'
+    links = link("a"), link("b", 1, None, 1), joint("j", "a", "b", None, "continuous")
     for first, second in ("ab", "ba", "aa"):
-        apart = '<site link="b" xyz="0 0 0.2"/>'
-        tendon = f'<tendon name="t">{site.format(first)}{site.format(second)}{apart}</tendon>'
-        (tmp_path / "r.urdf").write_text(
-            f'<robot name="r">{links}{joint}<softdyn version="1">{tendon}</softdyn></robot>'
-        )
+        tendon = cable("t", f"{first} 0.1 0 0", f"{second} 0.1 0 0", "b 0 0 0.2")
+        path = write(tmp_path, robot("r", *links, block=tendon))
         if first == second:
-            assert len(parse(tmp_path / "r.urdf").tendons[0].sites) == 3
+            assert len(parse(path).tendons[0].sites) == 3
         else:
             got = f"sites of '{first}' and '{second}' at the same point"
             with refused('<softdyn><tendon name="t">', got, by=UrdfError):
-                parse(tmp_path / "r.urdf")
+                parse(path)

@@ -16,7 +16,8 @@ from softdyn.description.inertia import Inertia, rotation_rpy
 from softdyn.description.robot import moving_bodies
 from softdyn.description.urdf import parse
 from softdyn.validation import Twin, crosscheck
-from tests.support.misuses import INERTIAL, LIMIT
+from tests.support import robots
+from tests.support.misuses import INERTIAL
 from tests.support.refused import refused
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -131,13 +132,13 @@ def test_fixed_links_are_lumped_and_what_is_fixed_to_the_base_is_not(tmp_path) -
         "b": ("a3", "revolute"),
         "b2": ("b", "fixed"),
     }
-    text = "".join(f'<link name="{name}">{INERTIAL}</link>' for name in names) + "".join(
-        f'<joint name="to_{child}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="0.1 0.2 0.3" rpy="0.4 -0.5 0.6"/>{LIMIT}</joint>'
+    place = {"at": "0.1 0.2 0.3", "rpy": "0.4 -0.5 0.6"}
+    joints = [
+        robots.joint(f"to_{child}", parent, child, None, kind, **place)
         for child, (parent, kind) in held.items()
-    )
-    path = tmp_path / "tree.urdf"
-    path.write_text(f'<robot name="tree">{text}</robot>')
+    ]
+    bodies = [robots.tag("link", INERTIAL, name=name) for name in names]
+    path = robots.write(tmp_path, robots.robot("tree", *bodies, *joints))
     bodies = moving_bodies(parse(path))
     assert list(bodies) == ["a", "b"]
     assert bodies["a"].mass == pytest.approx(0.3)
@@ -174,22 +175,12 @@ def test_what_is_physical_is_its_own_nearest() -> None:
 
 def broken(folder: Path, where: str) -> Path:
     """A body `a` with `a2` welded on; the inertia of one violates the triangle inequality."""
-    links = ""
-    for name in ("base", "a", "a2"):
-        text = INERTIAL
-        if name == where:
-            text = (
-                '<inertial><origin xyz="0.1 0 0" rpy="0.3 0.2 -1"/><mass value="0.1"/>'
-                '<inertia ixx="0.1" ixy="0.01" ixz="0" iyy="0.1" iyz="0" izz="0.5"/></inertial>'
-            )
-        links += f'<link name="{name}">{text}</link>'
-    path = folder / "broken.urdf"
-    path.write_text(
-        f'<robot name="broken">{links}<joint name="j" type="revolute"><parent link="base"/>'
-        f'<child link="a"/><axis xyz="0 1 1"/>{LIMIT}</joint><joint name="f" type="fixed">'
-        '<parent link="a"/><child link="a2"/><origin xyz="0 0.1 0"/></joint></robot>'
-    )
-    return path
+    bad = robots.inertial(0.1, "0.1 0 0", "0.1 0.01 0 0.1 0 0.5", "0.3 0.2 -1")
+    bodies = dict.fromkeys(("base", "a", "a2"), INERTIAL) | {where: bad}
+    links = [robots.tag("link", body, name=name) for name, body in bodies.items()]
+    return robots.write(folder, robots.robot(
+        "broken", *links, robots.joint("j", "base", "a", "0 1 1"), robots.weld("a", "a2", "0 0.1 0")
+    ))  # fmt: skip
 
 
 @pytest.mark.parametrize("where", ["a", "a2"])
@@ -225,14 +216,8 @@ def test_nothing_sound_is_repaired(tmp_path: Path) -> None:
     ],
 )
 def test_numbers_in_another_order_are_told(tmp_path: Path, numbers, words: str) -> None:
-    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    tensor = " ".join(f'{name}="{x}"' for name, x in zip(names, numbers, strict=True))
-    path = tmp_path / "one.urdf"
-    path.write_text(
-        '<robot name="one"><link name="a"/><link name="b"><inertial><mass value="1"/>'
-        f'<inertia {tensor}/></inertial></link><joint name="j" type="continuous">'
-        '<parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>'
-    )
+    body = robots.hinge(1, None, " ".join(map(str, numbers)), kind="continuous", axis="0 0 1")
+    path = robots.write(tmp_path, body)
     with pytest.raises(UrdfError) as error:
         parse(path)
     assert words in error.value.got

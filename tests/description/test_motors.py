@@ -14,6 +14,7 @@ import softdyn
 from softdyn import UrdfError, diagnose, parse
 from softdyn.description.urdf_writer import write
 from softdyn.validation import crosscheck
+from tests.support import robots
 
 BOOM = """<robot name="geared" {space}>
   <link name="plate"/>
@@ -35,8 +36,7 @@ DRAKE = (
 
 
 def written(folder: Path, inside: str = "", beside: str = "", space: str = "") -> Path:
-    path = folder / "boom.urdf"
-    path.write_text(BOOM.format(inside=inside, beside=beside, space=space))
+    path = robots.write(folder, BOOM.format(inside=inside, beside=beside, space=space))
     return path
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from softdyn import diagnose, load, parse
 from softdyn.description.robot import Robot
+from tests.support import robots
 from tests.support.misuses import ARM
 
 OLD = 'xmlns:joint="http://playerstage.sourceforge.net/gazebo/xmlschema/#slider"'
@@ -26,8 +27,7 @@ def read(folder: Path, more: str = "", *changes: tuple[str, str]) -> Robot:
     for change in changes:
         assert text.count(change[0]) == 1
         text = text.replace(*change)
-    path = folder / "arm.urdf"
-    path.write_text(text)
+    path = robots.write(folder, text)
     return parse(path)
 
 

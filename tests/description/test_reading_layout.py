@@ -11,11 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import softdyn
 from softdyn import InputError
 from softdyn.description.readings import ReadingLayout, SampledSensor
 from softdyn.description.rig import Sensor, SensorKind
-from tests.support.micro import write
+from tests.support.robots import build, cable, joint, link, robot
 
 KIND = SensorKind
 SENSORS = (
@@ -25,19 +24,15 @@ SENSORS = (
     Sensor("slide", KIND.JOINT, joint="x"),
     Sensor("pull", KIND.TENSION, tendon="sum"),
 )
-MASS = """<inertial><mass value="1"/>
-<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>"""
-ROBOT = f"""<robot name="r"><link name="world"/><link name="a">{MASS}</link>
-<link name="tip">{MASS}</link>
-<joint name="x" type="prismatic"><parent link="world"/><child link="a"/><axis xyz="1 0 0"/>
-<limit lower="-1" upper="1" effort="9" velocity="9"/></joint>
-<joint name="turn" type="revolute"><parent link="a"/><child link="tip"/><axis xyz="0 1 0"/>
-<origin xyz="0.1 0 0"/><limit lower="-1" upper="1" effort="9" velocity="9"/></joint>
-<softdyn version="1">
-<tendon name="cable" stiffness="1"><site link="world" xyz="0 0 0.1"/>
-<site link="tip" xyz="0.1 0 0.1"/></tendon>
-<tendon name="sum" stiffness="1"><joint name="turn" coef="1"/></tendon>
-</softdyn></robot>"""
+ROBOT = robot(
+    "r", link("world"), link("a", 1), link("tip", 1),
+    joint("x", "world", "a", "1 0 0", "prismatic"),
+    joint("turn", "a", "tip", at="0.1 0 0"),
+    block=(
+        cable("cable", "world 0 0 0.1", "tip 0.1 0 0.1", stiffness=1),
+        cable("sum", "turn 1", stiffness=1),
+    ),
+)  # fmt: skip
 
 
 def test_the_rows_of_five_sensors() -> None:
@@ -59,14 +54,14 @@ def test_the_rows_of_five_sensors() -> None:
         assert other.rows == layout.rows
 
 
-def test_the_units_of_readings_on_a_robot(tmp_path) -> None:
+def test_the_units_of_readings_on_a_robot() -> None:
     """A joint that slides reads metres, a tendon that sums angles pulls with a torque."""
-    robot = softdyn.load(write(tmp_path, ROBOT)).robot
+    model = build(ROBOT)
     turning = Sensor("turning", KIND.JOINT, joint="turn")
     force = Sensor("force", KIND.TENSION, tendon="cable")
     angle = Sensor("angle", KIND.LENGTH, tendon="sum")
     imu = Sensor("imu", KIND.ACCELEROMETER, link="tip")
-    units = ReadingLayout((*SENSORS, turning, force, angle, imu)).units(robot)
+    units = ReadingLayout((*SENSORS, turning, force, angle, imu)).units(model.robot)
     assert units == (
         "m", "m", "m", "m", "rad", "rad", "rad", "rad/s", "rad/s", "rad/s", "m", "N m",
         "rad", "N", "rad", "m/s²", "m/s²", "m/s²",

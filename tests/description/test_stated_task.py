@@ -10,6 +10,7 @@ import softdyn
 from softdyn.description.stated_task import StatedTask, TaskKind
 from softdyn.description.urdf_writer import write
 from softdyn.tasks import AxisTask, PointTask, PoseTask, make_tasks
+from tests.support import robots
 from tests.support.misuses import ARM
 
 PLAIN = '<task frame="wheel"/>'
@@ -21,8 +22,7 @@ SEVERAL = (
 
 
 def parsed(folder, text: str = ARM) -> softdyn.Robot:
-    path = folder / "arm.urdf"
-    path.write_text(text, encoding="utf-8")
+    path = robots.write(folder, text)
     return softdyn.parse(path)
 
 

@@ -24,11 +24,11 @@ from softdyn.description.urdf_writer import write
 from softdyn.description.visuals import visuals
 from softdyn.design import finger, log_spiral
 from softdyn.validation import crosscheck
-from tests.proof.crosschecks.random_robots import random_urdf
-from tests.proof.timing.chains import chain_urdf
-from tests.support import ROOT, micro
+from tests.support import ROOT, robots
 from tests.support.arms import EVERYTHING, THREE_SECTIONS
+from tests.support.long_chains import chain_urdf
 from tests.support.misuses import ARM
+from tests.support.random_robots import random_urdf
 
 NOT_COMPARED = {
     "adopted",
@@ -144,7 +144,7 @@ def test_designed_files_are_what_the_writer_writes(text: str) -> None:
     assert again(robot) == robot
 
 
-@pytest.mark.parametrize("text", [ARM, micro.GRIPPER, micro.FLOATING, LOOKS])
+@pytest.mark.parametrize("text", [ARM, robots.GRIPPER, robots.WALKER, LOOKS])
 @pytest.mark.parametrize("floating", [False, True])
 def test_every_feature(text: str, floating: bool) -> None:
     """Welds, mimic joints, elastic tendons, aliases of springs, foreign elements, visuals."""
@@ -174,8 +174,7 @@ def test_engines_see_no_difference(seed: int) -> None:
 
 
 def test_what_is_written_passes_the_cross_check(tmp_path: Path) -> None:
-    path = tmp_path / "written.urdf"
-    path.write_text(write(of_text(micro.GRIPPER)), encoding="utf-8")
+    path = robots.write(tmp_path, write(of_text(robots.GRIPPER)))
     assert crosscheck(softdyn.load(path), samples=2, trajectories=False).passed
 
 
@@ -191,8 +190,7 @@ def test_an_overlay_ends_up_in_the_file(example: str) -> None:
 
 
 def test_repaired_inertias_are_written(tmp_path: Path) -> None:
-    path = tmp_path / "impossible.urdf"
-    path.write_text(ARM.replace('izz="1e-6"', 'izz="3e-6"'))
+    path = robots.write(tmp_path, ARM.replace('izz="1e-6"', 'izz="3e-6"'))
     robot = parse(path, repair_inertia=True)
     assert again(robot) == robot
     path.write_text(ARM.replace('iyy="1e-6"', 'iyy="5e-3"').replace('ixx="1e-6"', 'ixx="1e-3"'))

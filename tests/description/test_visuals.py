@@ -21,23 +21,14 @@ from softdyn.description.visuals import (
     visuals,
 )
 from softdyn.exceptions import UrdfError
+from tests.support import robots
 from tests.support.command import command
-from tests.support.turret import TURRET
-
-INERTIAL = (
-    '<inertial><mass value="1"/>'
-    '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
-)
+from tests.support.robots import TURRET, hinge, write
 
 
 def robot(folder, body: str, head: str = "", name: str = "robot.urdf"):
-    path = folder / name
-    path.write_text(
-        f'<robot name="r">{head}<link name="base"/><link name="a">{INERTIAL}{body}</link>'
-        '<joint name="j" type="revolute"><parent link="base"/><child link="a"/>'
-        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
-    )
-    return softdyn.parse(path)
+    text = hinge(1, None, 1, body=body, child="a").replace("<link", f"{head}<link", 1)
+    return softdyn.parse(write(folder, text, name))
 
 
 def test_primitives_poses_and_colours(tmp_path):
@@ -240,8 +231,7 @@ def test_a_run_with_a_page_that_cannot_be_drawn_writes_no_log(tmp_path):
     """The fault shows before the run, and not after it."""
     ball = '<visual><geometry><sphere radius="1"/></geometry><material name="r"><color rgba="1"/>'
     base = f'<link name="base">{ball}</material></visual></link>'
-    path = tmp_path / "red.urdf"
-    path.write_text(TURRET.replace('<link name="base"/>', base))
+    path = robots.write(tmp_path, TURRET.replace('<link name="base"/>', base))
     log, page = tmp_path / "log.npz", tmp_path / "page.html"
     done = command("rollout", path, "--seconds", "0.01", "--log", log, "--html", page)
     assert done.code == 2

@@ -20,17 +20,14 @@ from softdyn.description.visuals import visuals
 from softdyn.loading import load_text
 from softdyn.validation import crosscheck
 from softdyn.validation.mjcf import export
-from tests.support import ROOT
+from tests.support import ROOT, robots
 from tests.support.arms import THREE_SECTIONS
 from tests.support.command import command
 from tests.support.oracles import relative
 from tests.support.refused import refused
 
 SOFT_UR5 = ROOT / "docs/examples/soft_ur5.xml"
-MASSIVE = (
-    '<inertial><origin xyz="0.01 0 0.03"/><mass value="0.3"/>'
-    '<inertia ixx="4e-4" ixy="1e-5" ixz="0" iyy="3e-4" iyz="0" izz="2e-4"/></inertial>'
-)
+MASSIVE = robots.inertial(0.3, "0.01 0 0.03", "4e-4 1e-5 0 3e-4 0 2e-4")
 PALM = f"""<robot name="palm">
   <material name="skin"><color rgba="1 0.8 0.7 1"/></material>
   <link name="ground"/>
@@ -70,15 +67,13 @@ AT = (0.01, -0.02, 0.03, 0.4, -1.1, 2.5)
 
 @pytest.fixture
 def palm(tmp_path: Path) -> Path:
-    path = tmp_path / "palm.urdf"
-    path.write_text(PALM)
+    path = robots.write(tmp_path, PALM, "palm.urdf")
     return path
 
 
 @pytest.fixture
 def thumb(tmp_path: Path) -> Path:
-    path = tmp_path / "thumb.urdf"
-    path.write_text(THUMB)
+    path = robots.write(tmp_path, THUMB, "thumb.urdf")
     return path
 
 
@@ -190,8 +185,7 @@ def test_springs_dampers_inputs_and_lengths_of_each_part_are_unchanged(which, pa
 def test_both_engines_agree_about_the_joined_robot(which, palm, thumb, tmp_path):
     model, *_ = joined(which, palm, thumb)
     assert crosscheck(model, samples=1, trajectories=False).passed
-    path = tmp_path / "both.urdf"
-    path.write_text(model.robot.text)
+    path = robots.write(tmp_path, model.robot.text, "both.urdf")
     compared, _ = export.write_mjcf(path, tmp_path / "both.xml", shapes=False)
     assert compared.passed
 
@@ -243,14 +237,9 @@ def test_bad_arguments_are_refused_by_name(palm, thumb, words, name):
 
 
 def test_two_robots_of_too_many_joints_are_refused(tmp_path):
-    links = "".join(f'<link name="l{k}">{MASSIVE}</link>' for k in range(131))
-    joints = "".join(
-        f'<joint name="j{k}" type="continuous"><parent link="l{k}"/><child link="l{k + 1}"/>'
-        "</joint>"
-        for k in range(130)
-    )
-    path = tmp_path / "chain.urdf"
-    path.write_text(f'<robot name="chain">{links}{joints}</robot>')
+    links = [robots.tag("link", MASSIVE, name=f"l{k}") for k in range(131)]
+    joints = [robots.joint(f"j{k}", f"l{k}", f"l{k + 1}", None, "continuous") for k in range(130)]
+    path = robots.write(tmp_path, robots.robot("chain", *links, *joints))
     with refused("<robot>", 260, by=softdyn.UrdfError):
         design.attach(path, path, "l130", prefix="x_")
 

@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 import pytest
 
-import softdyn
 from softdyn import InputError, SoftModel, design, statics
 from softdyn.description.readings import ReadingLayout
 from softdyn.description.robot import Robot
@@ -21,6 +20,7 @@ from softdyn.design import Arm, Cable, CableMotor, Chamber, Damping, Material, M
 from softdyn.sensing import Sensors
 from softdyn.validation import Rig, rollout
 from softdyn.validation.mjcf import export
+from tests.support import robots
 from tests.support.arms import loaded
 from tests.support.refused import refused
 
@@ -134,8 +134,7 @@ def test_the_work_of_the_pressure_is_p_times_the_change_of_the_volume(
 
 def test_the_same_pressures_in_mujoco_bend_the_exported_arm_the_same(tmp_path: Path) -> None:
     parts = arm(6, ("bend_y", "bend_z", "extension"))
-    file = tmp_path / "arm.urdf"
-    file.write_text(design.urdf(parts), encoding="utf-8")
+    file = robots.write(tmp_path, design.urdf(parts), "arm.urdf")
     export.write_mjcf(file, tmp_path / "arm.xml", shapes=False)
     model = loaded(parts, tmp_path)
     q = pressed(model, PRESSURE)
@@ -171,9 +170,7 @@ bias_bar = 0.1
 def test_a_pressure_follows_its_valve_in_the_twin(tmp_path: Path) -> None:
     """A step through a first-order lag: p (1 - exp(-(t - delay)/τ)), and the bias of a gauge."""
     text = TEXT.replace("rate_kPa_s = 400\n", "") + VALVE
-    file = tmp_path / "arm.urdf"
-    file.write_text(design.read(tomllib.loads(text), "arm.toml").text, encoding="utf-8")
-    model = softdyn.load(file)
+    model = robots.load(tmp_path, design.read(tomllib.loads(text), "arm.toml").text)
     u = np.array([0.0, 8e4, 0.0, 3e4, -2e4])
     names = [f"gauge_{name}" for name in ("base_1", "base_2", "base_3", "long")]
     log = rollout(model, u, 0.2, period=0.005, timestep=5e-4, rig=Rig(seed=0))

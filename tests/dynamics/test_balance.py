@@ -16,14 +16,14 @@ from softdyn.description.urdf_writer import write as urdf
 from softdyn.dynamics.balance import BalanceTerms, Disturbance, ForceBalance
 from softdyn.dynamics.projection import Projection
 from softdyn.loading import load_text
-from tests.proof.crosschecks.random_robots import write_robot
+from tests.support import cart
 from tests.support.arms import PROJECTIONS
-from tests.support.balanced import BALANCED, balanced, case
-from tests.support.cart import CART, load
-from tests.support.micro import FLOATING, GRIPPER, write
+from tests.support.balance_cases import BALANCED, balanced, case
 from tests.support.oracles import relative
+from tests.support.random_robots import write_robot
 from tests.support.refused import refused
-from tests.support.rigged import slackened, wound
+from tests.support.rigs import slackened, wound
+from tests.support.robots import GRIPPER, WALKER, write
 
 BAR = 1e-7
 ALL = tuple(Disturbance)
@@ -42,7 +42,7 @@ def everything(request, tmp_path) -> SoftModel:
     if which in PROJECTIONS:
         return PROJECTIONS[which](tmp_path)
     if isinstance(which, str) and "floating" in which:
-        text = FLOATING if which == "floating" else GRIPPER
+        text = WALKER if which == "floating" else GRIPPER
         return softdyn.load(write(tmp_path, text), floating=True)
     if isinstance(which, str) and " " in which:
         kind, seed = which.split()
@@ -155,11 +155,10 @@ def test_disturbances_are_forces(model):
     )
 
 
-def test_a_winch_and_a_spring_in_series(tmp_path):
+def test_a_winch_and_a_spring_in_series():
     """-s x = k (x - c): the tension is s k |c| / (s + k) at the free length c."""
     s, k, c = 8.0, 40.0, -0.3
-    text = CART.format(damping=1.0, stiffness=s, lower=0, upper=30)
-    robot = load(tmp_path, text).robot
+    robot = cart.cart(0, 30, damping=1.0, stiffness=s).robot
     (motor,) = robot.actuators
     motor = replace(motor, gear=-0.5, command=CommandKind.LENGTH, stiffness=k, damping=3.0)
     model = softdyn.build(replace(robot, actuators=(motor,)))

@@ -16,16 +16,14 @@ from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.mimic import build
 from softdyn.validation import compare, crosscheck
 from softdyn.validation.twin.plant_errors import PlantErrors, altered_robot
-from tests.proof.crosschecks.random_robots import random_urdf
+from tests.support import robots
 from tests.support.command import command
-from tests.support.micro import FLOATING, GRIPPER
 
 STEP = 1e-6
 
 
-def lifted(text: str, *, floating: bool = False, seed: int = 1) -> softdyn.SoftModel:
+def lifted(robot: softdyn.Robot, seed: int = 1) -> softdyn.SoftModel:
     """The robot with another share for each moving body."""
-    robot = parse_text(text, path="robot.urdf", floating=floating)
     carrier = softdyn.description.robot.moving_link_of(robot)
     rng = np.random.default_rng(seed)
     shares = {name: float(rng.uniform(0, 1.5)) for name in dict.fromkeys(carrier.values())}
@@ -35,17 +33,9 @@ def lifted(text: str, *, floating: bool = False, seed: int = 1) -> softdyn.SoftM
     return build(replace(robot, links=links))
 
 
-ROBOTS = {
-    "finger": lambda: lifted(write(softdyn.load("finger").robot)),
-    "random": lambda: lifted(random_urdf(3)),
-    "mimic": lambda: lifted(GRIPPER),
-    "floating": lambda: lifted(FLOATING, floating=True),
-}
-
-
-@pytest.fixture(scope="module", params=ROBOTS)
-def model(request) -> softdyn.SoftModel:
-    return ROBOTS[request.param]()
+@pytest.fixture(scope="module")
+def model(tree) -> softdyn.SoftModel:
+    return lifted(tree)
 
 
 def test_every_term_is_mujoco_s(model) -> None:
@@ -76,7 +66,7 @@ def test_its_derivative_and_its_energy_are_those_of_the_force(model) -> None:
 
 def test_the_balance_and_the_step_have_it() -> None:
     """With a fluid beside it, the residual and its derivatives are those of the State."""
-    robot = replace(ROBOTS["finger"]().robot, fluid=Fluid(1000.0, 0.3))
+    robot = replace(lifted(softdyn.load("finger").robot).robot, fluid=Fluid(1000.0, 0.3))
     model = build(robot)
     rng = np.random.default_rng(2)
     q, v, a = 0.2 * rng.normal(size=(3, model.nv))
@@ -99,8 +89,7 @@ def test_an_arm_of_one_material_rests_as_under_a_smaller_gravity(tmp_path) -> No
     }  # fmt: skip
     water = {**table, "fluid": {"density_kg_m3": 1000, "viscosity_Pa_s": 0.001}}
     light = {**table, "mount": {**table["mount"], "gravity_m_s2": [0, 0, -9.81 * 70 / 1070]}}
-    path = tmp_path / "arm.urdf"
-    path.write_text(design.read(water).text)
+    path = robots.write(tmp_path, design.read(water).text, "arm.urdf")
     wet = softdyn.load(path)
     dry, less = (build(parse_text(design.read(one).text, path="a.urdf")) for one in (table, light))
     u = 0.1 * dry.u_max * [1, 0, 0]
@@ -116,7 +105,7 @@ def test_an_arm_of_one_material_rests_as_under_a_smaller_gravity(tmp_path) -> No
 
 def test_a_file_and_mjcf_state_it_and_one_alone_differs(tmp_path) -> None:
     urdf, mjcf, back, dry = (tmp_path / n for n in ("a.urdf", "a.xml", "back.urdf", "dry.urdf"))
-    robot = ROBOTS["finger"]().robot
+    robot = lifted(softdyn.load("finger").robot).robot
     urdf.write_text(write(robot))
     dry.write_text(write(robot.dry))
     assert softdyn.load(urdf).robot.links == robot.links
@@ -135,6 +124,6 @@ def test_own_forces_and_water_act_once_in_the_twin(tmp_path) -> None:
         def __call__(self, model, q, v):
             return 0.01 + 0 * v
 
-    robot = replace(ROBOTS["finger"]().robot, fluid=Fluid(1000.0, 0.3))
+    robot = replace(lifted(softdyn.load("finger").robot).robot, fluid=Fluid(1000.0, 0.3))
     model = build(robot).with_forces(Push())
     assert crosscheck(model, samples=2, trajectories=False).passed

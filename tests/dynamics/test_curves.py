@@ -18,7 +18,7 @@ from softdyn.dynamics.model import SoftModel
 from softdyn.statics.suspicious_values import suspicious_values
 from softdyn.validation import compare, crosscheck
 from tests.support.command import command
-from tests.support.micro import GRIPPER
+from tests.support.robots import GRIPPER
 
 STEP = 1e-6
 

@@ -18,10 +18,10 @@ from softdyn.dynamics.derivatives import (
     tendon_curvature,
 )
 from softdyn.identification import DesignFile, apply_values, choose_unknowns
-from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS, THREE_SECTIONS
-from tests.support.balanced import balanced
+from tests.support.balance_cases import balanced
 from tests.support.oracles import gradient, relative
+from tests.support.random_robots import write_robot
 
 BAR = 1e-7
 # of the random robots: continuous and prismatic joints, elastic, damped, branching tendons

@@ -13,11 +13,11 @@ from softdyn import InputError, SoftModel
 from softdyn.actuation import CommandKind, Winches
 from softdyn.actuation.drives import Drives
 from softdyn.dynamics import ForceBalance, StepError, discrete_step
-from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support.arms import PROJECTIONS
-from tests.support.balanced import balanced, case
-from tests.support.micro import FLOATING, GRIPPER, write
-from tests.support.steps import differences
+from tests.support.balance_cases import balanced, case
+from tests.support.robots import GRIPPER, WALKER, write
+from tests.support.step_differences import differences
+from tests.support.wrapped_robots import wrapped_robot
 
 MODELS = ("finger", "spirob", "slack", "winched", *PROJECTIONS, "walker", "wrapped")
 
@@ -30,7 +30,7 @@ def model(request, tmp_path):
     if name == "wrapped":
         return softdyn.build(wrapped_robot(3, bodies=2))
     if name == "walker":
-        return softdyn.load(write(tmp_path, FLOATING), floating=True)
+        return softdyn.load(write(tmp_path, WALKER), floating=True)
     return balanced(name, tmp_path)
 
 
@@ -139,7 +139,7 @@ def test_motors_are_followed_through_divided_steps():
 
 def test_a_turning_base_has_jacobians_of_its_own(tmp_path):
     """With its speed of 20 rad/s over 30 ms the slopes of ⊕ are far from the identity."""
-    for text in (FLOATING, GRIPPER):
+    for text in (WALKER, GRIPPER):
         model = softdyn.load(write(tmp_path, text), floating=True)
         rng = np.random.default_rng(0)
         q, v = model.integrate(model.q0, rng.normal(size=model.nv)), rng.normal(size=model.nv)

@@ -16,15 +16,15 @@ from softdyn.validation import StateMap, Twin, crosscheck, simulate
 from softdyn.validation.crosschecks.crosscheck import random_state
 from softdyn.validation.twin import free_base
 from softdyn.validation.twin.free_base import FreeBase, rk4_on_rotations
-from tests.support.micro import FLOATING, GRIPPER, SOLID, joint, write
 from tests.support.refused import refused
+from tests.support.robots import GRIPPER, WALKER, link, load, oblique, robot, solids, write
 
-ALONE = f'<robot name="brick"><link name="brick">{SOLID}</link></robot>'
+ALONE = robot("brick", solids("brick"))
 
 
-@pytest.fixture(params=[FLOATING, GRIPPER], ids=["walker", "gripper"])
+@pytest.fixture(params=[WALKER, GRIPPER], ids=["walker", "gripper"])
 def pair(request, tmp_path: Path) -> tuple[SoftModel, Twin, StateMap]:
-    model = softdyn.load(write(tmp_path, request.param), floating=True)
+    model = load(tmp_path, request.param, floating=True)
     twin = Twin(model, limits=False)
     return model, twin, StateMap(model, twin)
 
@@ -53,14 +53,14 @@ def test_a_joint_with_a_name_of_the_base_gives_it_nothing(tmp_path):
     """Its springs, dampers, limits and armature act on the joint, in both engines."""
     import xml.etree.ElementTree as ElementTree
 
-    plain = softdyn.load(write(tmp_path, FLOATING), floating=True)
-    tree = ElementTree.fromstring(FLOATING)
+    plain = load(tmp_path, WALKER, floating=True)
+    tree = ElementTree.fromstring(WALKER)
     names = [j.get("name") for j in tree.iter("joint") if j.get("type") not in (None, "fixed")]
-    renamed = FLOATING
+    renamed = WALKER
     for old, new in zip(names, ("base_wz", "base_vx", "base_wx"), strict=False):
         renamed = renamed.replace(f'"{old}"', f'"{new}"')
-    assert renamed != FLOATING
-    model = softdyn.load(write(tmp_path, renamed), floating=True)
+    assert renamed != WALKER
+    model = load(tmp_path, renamed, floating=True)
     for field in ("stiffness", "rest", "damping", "armature", "lower", "upper"):
         np.testing.assert_array_equal(getattr(model, field), getattr(plain, field))
     assert np.isinf(model.lower[:6]).all()
@@ -79,8 +79,8 @@ def test_a_follower_with_a_name_of_the_base_is_no_base(names, tmp_path):
     text = GRIPPER
     for old, new in zip(("b_slide", "a_lead"), names, strict=True):
         text = text.replace(f'"{old}"', f'"{new}"')
-    plain = softdyn.load(write(tmp_path, GRIPPER), floating=True)
-    model = softdyn.load(write(tmp_path, text), floating=True)
+    plain = load(tmp_path, GRIPPER, floating=True)
+    model = load(tmp_path, text, floating=True)
     assert model.nv == plain.nv
     assert model.joint_names[:6] == plain.joint_names[:6]
     # Pinocchio orders joints by their names, behind the base
@@ -97,9 +97,9 @@ def test_a_follower_with_a_name_of_the_base_is_no_base(names, tmp_path):
 
 
 def test_the_base_s_own_joint_has_a_name_that_no_other_may_have(tmp_path):
-    text = FLOATING.replace('"ja"', '"floating base"')
+    text = WALKER.replace('"ja"', '"floating base"')
     with refused('<joint name="floating base">', "floating base", by=UrdfError):
-        softdyn.load(write(tmp_path, text), floating=True)
+        load(tmp_path, text, floating=True)
     model = softdyn.load(write(tmp_path, text))
     StateMap(model, Twin(model))
 
@@ -130,7 +130,7 @@ def test_velocities_are_those_of_the_same_motion(pair):
 
 def test_one_body_obeys_newton_and_euler(tmp_path):
     """In the base's axes: m (a + ω×v + ω̇×c + ω×(ω×c)) = m g, and its moment about the origin."""
-    model = softdyn.load(write(tmp_path, ALONE), floating=True)
+    model = load(tmp_path, ALONE, floating=True)
     body = model.robot.links[0].inertia
     m, c = body.mass, body.com
     I = body.tensor + m * (c @ c * np.eye(3) - np.outer(c, c))  # noqa: E741
@@ -152,11 +152,11 @@ def test_one_body_obeys_newton_and_euler(tmp_path):
     np.testing.assert_allclose(state.ydot, R @ x, atol=1e-14)
 
 
-@pytest.mark.parametrize("text", [FLOATING, GRIPPER], ids=["walker", "mimic"])
+@pytest.mark.parametrize("text", [WALKER, GRIPPER], ids=["walker", "mimic"])
 @pytest.mark.parametrize("compiled", [True, False])
 def test_nothing_but_positions_depends_on_where_the_base_is(text, compiled, tmp_path):
     """The robot is at 0, 1 km and 1000 km; gravity is uniform, and rounding must not matter."""
-    model = softdyn.load(write(tmp_path, text), floating=True)
+    model = load(tmp_path, text, floating=True)
     tree = getattr(model, "tree", model)
     tree._assemble = tree._by_kernel if compiled else tree._in_numpy
     q, v = random_state(model, np.random.default_rng(4))
@@ -203,7 +203,7 @@ def test_nothing_but_positions_depends_on_where_the_base_is(text, compiled, tmp_
 
 
 def test_the_twin_agrees(tmp_path):
-    model = softdyn.load(write(tmp_path, FLOATING), floating=True)
+    model = load(tmp_path, WALKER, floating=True)
     result = crosscheck(model, samples=4)
     assert result.passed, [(c.quantity, c.max_error, c.reason) for c in result.checks]
     assert {ladder.scheme for ladder in result.ladders} == {"implicit", "rk4"}
@@ -211,7 +211,7 @@ def test_the_twin_agrees(tmp_path):
 
 def test_a_body_alone_is_followed_by_rk4_only(tmp_path):
     """MuJoCo's implicitfast treats its gyroscopic force implicitly, and nothing else's."""
-    model = softdyn.load(write(tmp_path, ALONE), floating=True)
+    model = load(tmp_path, ALONE, floating=True)
     result = crosscheck(model, samples=2)
     assert result.passed, [(c.quantity, c.max_error, c.reason) for c in result.checks]
     assert {run.scheme for run in result.runs} == {"rk4"}
@@ -259,7 +259,7 @@ def test_the_rate_of_a_rotation_vector(angle):
 
 def test_closed_loops_run(tmp_path):
     """The plant falls in model and twin: ½ g t² for the centre of mass, for half a second."""
-    model = softdyn.load(write(tmp_path, FLOATING), floating=True)
+    model = load(tmp_path, WALKER, floating=True)
 
     class Rest:
         def __call__(self, state, reference):
@@ -277,7 +277,7 @@ def test_closed_loops_run(tmp_path):
 
 @pytest.mark.parametrize("floating", [False, True])
 def test_a_twin_of_another_base_is_refused(floating, tmp_path):
-    path = write(tmp_path, FLOATING)
+    path = write(tmp_path, WALKER)
     model = softdyn.load(path, floating=floating)
     with refused("twin"):
         StateMap(model, Twin(softdyn.load(path, floating=not floating)))
@@ -285,12 +285,11 @@ def test_a_twin_of_another_base_is_refused(floating, tmp_path):
 
 def test_a_floating_base_without_mass_is_singular(tmp_path):
     """Its first joint and the base then turn the same bodies."""
-    text = f'<robot name="x"><link name="b"/><link name="a">{SOLID}</link>'
-    text += joint("j", "continuous", "b", "a") + "</robot>"
+    text = robot("x", link("b"), solids("a"), oblique("j", "continuous", "b", "a"))
     assert softdyn.load(write(tmp_path, text)).nv == 1
     with refused(
         "<robot>", "a singular one; joint 'base_vy' meets the least inertia", by=UrdfError
     ):
-        softdyn.load(write(tmp_path, text), floating=True)
+        load(tmp_path, text, floating=True)
     with refused("<robot>", "none", by=UrdfError):
-        softdyn.load(write(tmp_path, '<robot name="x"><link name="a"/></robot>'), floating=True)
+        softdyn.load(write(tmp_path, robot("x", link("a"))), floating=True)

@@ -15,30 +15,19 @@ from softdyn.dynamics import Fluid, Wrench
 from softdyn.dynamics.mimic import build
 from softdyn.validation import compare, crosscheck
 from softdyn.validation.twin.twin import Twin
-from tests.proof.crosschecks.random_robots import random_urdf
 from tests.support.command import command
-from tests.support.micro import FLOATING, GRIPPER
 
 WATER = Fluid(1000.0, 0.3)  # thicker than water, so that both parts count
 STEP = 1e-6
 
 
-def wet(text: str, *, floating: bool = False) -> softdyn.SoftModel:
-    robot = parse_text(text, path="robot.urdf", floating=floating)
+def wet(robot: softdyn.Robot) -> softdyn.SoftModel:
     return build(replace(robot, fluid=WATER))
 
 
-ROBOTS = {
-    "finger": lambda: wet(write(softdyn.load("finger").robot)),
-    "random": lambda: wet(random_urdf(3)),
-    "mimic": lambda: wet(GRIPPER),
-    "floating": lambda: wet(FLOATING, floating=True),
-}
-
-
-@pytest.fixture(scope="module", params=ROBOTS)
-def model(request) -> softdyn.SoftModel:
-    return ROBOTS[request.param]()
+@pytest.fixture(scope="module")
+def model(tree) -> softdyn.SoftModel:
+    return wet(tree)
 
 
 def test_every_term_and_trajectory_is_mujoco_s(model) -> None:
@@ -60,7 +49,9 @@ class Push:
 
 
 def test_a_force_of_one_s_own_beside_it_leaves_one_fluid() -> None:
-    found = crosscheck(ROBOTS["finger"]().with_forces(Push()), samples=3, trajectories=False)
+    found = crosscheck(
+        wet(softdyn.load("finger").robot).with_forces(Push()), samples=3, trajectories=False
+    )
     assert found.passed, str(found)
 
 
@@ -79,7 +70,7 @@ def test_its_derivatives_are_those_of_the_force(model) -> None:
 
 
 def test_it_brakes_and_moves_no_equilibrium() -> None:
-    dry, water = softdyn.load("finger"), ROBOTS["finger"]()
+    dry, water = softdyn.load("finger"), wet(softdyn.load("finger").robot)
     v = np.array([1.0, -2.0, 0.5, 3.0])
     assert v @ water.state(water.q0, v).F < 0
     u = 0.2 * dry.u_max
@@ -88,7 +79,7 @@ def test_it_brakes_and_moves_no_equilibrium() -> None:
 
 
 def test_the_twin_counts_it_once_beside_forces_of_one_s_own() -> None:
-    water, speed = ROBOTS["finger"](), np.array([1.0, -2.0, 0.5, 3.0])
+    water, speed = wet(softdyn.load("finger").robot), np.array([1.0, -2.0, 0.5, 3.0])
     wrench = Wrench(water.robot.task, force=(0.0, 0.0, 0.0))
     ends = []
     for model in (water, water.with_forces(wrench)):

@@ -28,8 +28,8 @@ from softdyn.identification.trajectory import Start, follow
 from softdyn.sensing import Sensor, SensorKind
 from softdyn.statics.zero_dynamics import examine
 from tests.support.arms import PROJECTIONS
-from tests.support.micro import FLOATING, GRIPPER, write
 from tests.support.oracles import gradient, relative
+from tests.support.robots import GRIPPER, WALKER, write
 
 ROBOTS = ("finger", "helix", "spirob48", "walker", "walking gripper", *PROJECTIONS)
 
@@ -87,9 +87,9 @@ class Turning:
 def model(request, tmp_path) -> SoftModel:
     if request.param in PROJECTIONS:
         return PROJECTIONS[request.param](tmp_path)
-    micro = {"walker": FLOATING, "walking gripper": GRIPPER}
-    if request.param in micro:
-        return softdyn.load(write(tmp_path, micro[request.param]), floating=True)
+    texts = {"walker": WALKER, "walking gripper": GRIPPER}
+    if request.param in texts:
+        return softdyn.load(write(tmp_path, texts[request.param]), floating=True)
     return softdyn.load(request.param)
 
 

@@ -13,16 +13,16 @@ from softdyn.description.urdf_writer import write
 from softdyn.validation import Log, Twin, compare, crosscheck, paper, rollout, simulate
 from softdyn.validation.loop.repeat import compare_runs, experiment_of
 from softdyn.validation.mjcf.export import write_mjcf, write_urdf
-from tests.support import micro
+from tests.support import robots
 
 TILTED = (3.0, -4.0, -8.0)
-FILE = micro.GRIPPER.replace('<softdyn version="1">', '<softdyn version="1" gravity="3 -4 -8">')
+FILE = robots.GRIPPER.replace('<softdyn version="1">', '<softdyn version="1" gravity="3 -4 -8">')
 
 
 @pytest.mark.parametrize("floating", [False, True])
 def test_the_force_of_gravity_is_mujoco_s(floating, tmp_path):
-    text = micro.FLOATING if floating else micro.GRIPPER
-    path = micro.write(tmp_path, text)
+    text = robots.WALKER if floating else robots.GRIPPER
+    path = robots.write(tmp_path, text)
     model = softdyn.load(path, gravity=TILTED, floating=floating)
     found = crosscheck(model, samples=20)
     assert found.passed, str(found)
@@ -41,16 +41,14 @@ def test_turning_gravity_is_turning_the_base(tmp_path):
         design.Mount(direction=turned @ [0, 0, -1]),
         design.Mount(gravity=turned.T @ [0, 0, -9.81]),
     ):
-        path = tmp_path / "rod.urdf"
-        path.write_text(design.urdf(design.Arm((section,), mount=mount)))
-        model = softdyn.load(path)
+        model = robots.load(tmp_path, design.urdf(design.Arm((section,), mount=mount)))
         rests.append(statics.settle(model, model.relaxed).q)
     assert np.abs(rests[0]).max() > 0.01
     np.testing.assert_allclose(*rests, atol=1e-9)
 
 
 def test_argument_block_and_table_state_the_same(tmp_path):
-    bare = softdyn.load(micro.write(tmp_path, micro.GRIPPER))
+    bare = robots.load(tmp_path, robots.GRIPPER)
     given = softdyn.load(bare.robot.path, gravity=np.array(TILTED))
     (tmp_path / "stated.urdf").write_text(FILE)
     stated = softdyn.load(tmp_path / "stated.urdf")
@@ -74,7 +72,7 @@ def test_export_and_back_keep_it_and_compare_names_another(tmp_path):
     assert compare(tmp_path / "stated.urdf", tmp_path / "out.xml").passed
     write_urdf(tmp_path / "out.xml", tmp_path / "back.urdf")
     assert softdyn.parse(tmp_path / "back.urdf").gravity == TILTED
-    other = compare(micro.write(tmp_path, micro.GRIPPER), tmp_path / "out.xml")
+    other = compare(robots.write(tmp_path, robots.GRIPPER), tmp_path / "out.xml")
     assert not other.passed
     assert "gravity" in {cause.kind for cause in other.causes}
 
@@ -105,7 +103,7 @@ def test_two_statements_must_agree(tmp_path):
         softdyn.load(tmp_path / "stated.urdf", gravity=[0, 0, -9.81])
     other = '<mujoco><option gravity="0 0 -9.81"/></mujoco><softdyn'
     with pytest.raises(UrdfError):
-        softdyn.load(micro.write(tmp_path, FILE.replace("<softdyn", other)))
+        robots.load(tmp_path, FILE.replace("<softdyn", other))
     for wrong in ("0 0", "0 0 nan", "0 0 down"):
         with pytest.raises(UrdfError):
-            softdyn.load(micro.write(tmp_path, FILE.replace("3 -4 -8", wrong)))
+            robots.load(tmp_path, FILE.replace("3 -4 -8", wrong))

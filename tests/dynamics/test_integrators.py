@@ -7,23 +7,16 @@ import pytest
 
 import softdyn
 from softdyn.dynamics.integrators import step_implicit, step_rk4
+from tests.support.robots import build, slide
 
 # A sliding mass on a spring and damper, pulled by one cable: m x'' + d x' + k x = f
-SLIDER = """<robot name="slider"><link name="world"/><link name="a"><inertial><mass value="{m}"/>
-<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="x" type="prismatic"><parent link="world"/><child link="a"/><axis xyz="1 0 0"/>
-<limit lower="-9" upper="9" effort="1" velocity="1"/><dynamics damping="{d}"/></joint>
-<gazebo reference="x"><springStiffness>{k}</springStiffness></gazebo>
-<softdyn version="1"><tendon name="t"><joint name="x" coef="1"/></tendon>
-<actuator name="u" tendon="t" gear="2" lower="-9" upper="9"/></softdyn></robot>"""
 MASS, DAMPING, STIFFNESS, FORCE = 2.0, 0.6, 50.0, 3.0
 
 
 @pytest.fixture
-def slider(tmp_path) -> softdyn.SoftModel:
-    path = tmp_path / "slider.urdf"
-    path.write_text(SLIDER.format(m=MASS, d=DAMPING, k=STIFFNESS))
-    return softdyn.load(path)
+def slider() -> softdyn.SoftModel:
+    text = slide(MASS, limit=(-9, 9), damping=DAMPING, stiffness=STIFFNESS, pull=(-9, 9), gear=2)
+    return build(text)
 
 
 def exact(t: float, x0: float, v0: float) -> float:

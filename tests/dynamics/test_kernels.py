@@ -13,10 +13,10 @@ import softdyn
 from softdyn.dynamics import engine, kernels, tendons, wrapped_paths
 from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.tendons import Segments
-from tests.proof.crosschecks.random_robots import write_robot
-from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support.control_cases import BUNDLED, MICRO, robot
 from tests.support.oracles import relative
+from tests.support.random_robots import write_robot
+from tests.support.wrapped_robots import wrapped_robot
 
 FIELDS = (
     "M", "bias", "g", "K", "D", "B", "h", "J", "Jdot", "y", "ydot", "lengths", "moment_arms",

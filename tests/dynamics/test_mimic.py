@@ -21,13 +21,13 @@ from softdyn.dynamics.tree import TreeModel, tree_of
 from softdyn.validation import StateMap, Twin, crosscheck
 from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
 from softdyn.validation.twin.free_base import step_free_rk4
-from tests.support.micro import GRIPPER, write
 from tests.support.refused import refused
+from tests.support.robots import GRIPPER, changed, joint, link, load, robot, solids, weld, write
 
 
 @pytest.fixture
 def gripper(tmp_path: Path) -> SoftModel:
-    return softdyn.load(write(tmp_path, GRIPPER))
+    return load(tmp_path, GRIPPER)
 
 
 def test_followers_are_no_degrees_of_freedom(gripper):
@@ -148,33 +148,22 @@ def test_the_plant_holds_followers_by_stiff_ties(gripper):
 
 
 def test_a_massless_follower_moves_with_its_leader(tmp_path):
-    light = GRIPPER.replace('<link name="jaw"><inertial>', '<link name="jaw"><!--inertial>')
-    light = light.replace("</inertial><!--jaw--></link>", "</inertial--></link>")
+    light = changed(GRIPPER, (solids("jaw"), link("jaw")))
     assert light.count("<inertial>") == GRIPPER.count("<inertial>") - 1
-    assert softdyn.load(write(tmp_path, light)).nv == 2
+    assert load(tmp_path, light).nv == 2
     with refused('<link name="jaw">', "none on or beyond joint 'b_slide'", by=UrdfError):
-        softdyn.load(write(tmp_path, light.replace('<mimic joint="a_lead" multiplier="-0.5" '
-                                                   'offset="0.02"/>', "")))  # fmt: skip
-
-
-MASS = (
-    '<link name="{}"><inertial><mass value="{}"/><inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" '
-    'iyz="0" izz="{}"/></inertial></link>'
-)
-JOINT = (
-    '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><origin xyz="0 {} 0"/>'
-    '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="9" velocity="9"/>{}</joint>'
-)
+        load(tmp_path, light.replace('<mimic joint="a_lead" multiplier="-0.5" '
+                                                   'offset="0.02"/>', ""))  # fmt: skip
 
 
 def slides(*mimics: str) -> str:
     """Three masses of 1, 2 and 3 kg on vertical slides; the last two follow."""
     parts = [
-        MASS.format(f"l{k}", k, 1e-3)
-        + JOINT.format(f"s{k}", "prismatic", "base", f"l{k}", k, mimic)
+        link(f"l{k}", k)
+        + joint(f"s{k}", "base", f"l{k}", "0 0 1", "prismatic", at=f"0 {k} 0", inside=mimic)
         for k, mimic in zip((1, 2, 3), ("", *mimics), strict=True)
     ]
-    return f'<robot name="slides"><link name="base"/>{"".join(parts)}</robot>'
+    return robot("slides", link("base"), *parts)
 
 
 FIRST = '<mimic joint="s1" multiplier="2" offset="0.1"/>'
@@ -182,7 +171,7 @@ FIRST = '<mimic joint="s1" multiplier="2" offset="0.1"/>'
 
 def test_a_chain_of_followers_is_composed(tmp_path):
     """q₃ = 0.5 (2 q₁ + 0.1): M = 1 + 4 · 2 + 3, g = (1 + 2 · 2 + 3) 9.81."""
-    chain = softdyn.load(write(tmp_path, slides(FIRST, '<mimic joint="s2" multiplier="0.5"/>')))
+    chain = load(tmp_path, slides(FIRST, '<mimic joint="s2" multiplier="0.5"/>'))
     state = chain.state([0.2], [0.0])
     np.testing.assert_allclose([state.M[0, 0], state.g[0]], [12.0, 8 * 9.81])
     poses = chain.link_poses(np.array([0.2]))
@@ -195,25 +184,23 @@ def test_a_chain_of_followers_is_composed(tmp_path):
 def test_the_file_may_state_a_chain_in_any_order(tmp_path):
     """Here the first follower follows the second one, which the file states later."""
     text = slides('<mimic joint="s3" multiplier="2"/>', '<mimic joint="s1" multiplier="-1"/>')
-    model = softdyn.load(write(tmp_path, text))
+    model = load(tmp_path, text)
     np.testing.assert_allclose(model.state([0.0], [0.0]).M, [[1 + 4 * 2 + 3]])
     assert crosscheck(model, samples=3).passed
 
 
 def test_a_leader_may_be_beyond_its_follower(tmp_path):
     """The first hinge follows the second: M = Sᵀ M_tree S with S = (2, 1)."""
-    parts = MASS.format("a", 1, 1e-3) + MASS.format("b", 2, 1e-3)
-    for name, parent, child, mimic in (
-        ("first", "base", "a", '<mimic joint="second" multiplier="2" offset="0.3"/>'),
-        ("second", "a", "b", ""),
-    ):
-        parts += JOINT.format(name, "revolute", parent, child, 0.2, mimic)
-    text = f'<robot name="two"><link name="base"/>{parts}</robot>'
-    text = text.replace('axis xyz="0 0 1"', 'axis xyz="1 0 0"')
-    model = softdyn.load(write(tmp_path, text))
+    follows = '<mimic joint="second" multiplier="2" offset="0.3"/>'
+    text = robot(
+        "two", link("base"), link("a", 1), link("b", 2),
+        joint("first", "base", "a", "1 0 0", at="0 0.2 0", inside=follows),
+        joint("second", "a", "b", "1 0 0", at="0 0.2 0"),
+    )  # fmt: skip
+    model = load(tmp_path, text)
     assert crosscheck(model, samples=3).passed
     assert model.joint_names == ("second",)
-    full = softdyn.load(write(tmp_path, re.sub("<mimic[^>]*>", "", text)))
+    full = load(tmp_path, re.sub("<mimic[^>]*>", "", text))
     S, q = np.array([2.0, 1.0]), 0.4
     free, tied = full.state([2 * q + 0.3, q], [0.0, 0.0]), model.state([q], [0.0])
     np.testing.assert_allclose(tied.M[0, 0], S @ free.M @ S, rtol=1e-12)
@@ -222,15 +209,14 @@ def test_a_leader_may_be_beyond_its_follower(tmp_path):
 
 def test_continuous_joints_lead_and_follow(tmp_path):
     """M = 0.001 + 2² · 0.002; the followers' poses do not depend on the leader's turns."""
-    parts = MASS.format("a", 0.1, 1e-3) + MASS.format("b", 0.1, 2e-3) + MASS.format("c", 0.1, 0)
-    for name, child, mimic in (
-        ("ja", "a", ""),
-        ("jb", "b", '<mimic joint="ja" multiplier="-2" offset="0.5"/>'),
-    ):
-        parts += JOINT.format(name, "continuous", "base", child, 0.2, mimic)
-    parts += JOINT.format("jc", "fixed", "b", "c", 0.1, "")
-    text = f'<robot name="gears"><link name="base"/>{parts}</robot>'
-    model = softdyn.load(write(tmp_path, text))
+    follows = '<mimic joint="ja" multiplier="-2" offset="0.5"/>'
+    places = {"axis": "0 0 1", "kind": "continuous", "at": "0 0.2 0"}
+    text = robot(
+        "gears", link("base"), link("a", 0.1), link("b", 0.1, None, "1e-3 1e-3 2e-3"),
+        link("c", 0.1, None, "1e-3 1e-3 0"), joint("ja", "base", "a", **places),
+        joint("jb", "base", "b", **places, inside=follows), weld("b", "c", "0 0.1 0"),
+    )  # fmt: skip
+    model = load(tmp_path, text)
     assert (model.nq, model.nv) == (2, 1)
     moved = 0.1 * 0.1**2  # of the mass on the gear
     for angle in (0.0, 2.0, 3.1, -3.1, 3.2):

@@ -10,11 +10,11 @@ import pytest
 
 import softdyn
 from softdyn import SoftModel, UrdfError
-from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
-from tests.support.micro import FLOATING, GRIPPER, write
 from tests.support.oracles import gradient, rate, relative
+from tests.support.random_robots import write_robot
 from tests.support.refused import refused
+from tests.support.robots import GRIPPER, WALKER, build, hinge, joint, link, robot, write
 
 BUNDLED = ("finger", "helix", "spirob", "spirob48")
 RANDOM = tuple(range(12))
@@ -22,7 +22,7 @@ BAR = 1e-7
 
 
 MICRO = {
-    "floating": (FLOATING, True),
+    "floating": (WALKER, True),
     "mimic, floating": (GRIPPER, True),
 }
 
@@ -217,21 +217,13 @@ def test_a_copy_of_a_bundled_file_is_not_bundled(tmp_path):
     assert softdyn.load(copy).name == softdyn.load("finger").name
 
 
-ONE = """<robot name="one"><link name="world"/><link name="a"><inertial><origin xyz="0.1 0 0"/>
-<mass value="1"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="j" type="{kind}"><parent link="world"/><child link="a"/><axis xyz="{axis}"/>
-<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+def one(kind: str, axis: str) -> SoftModel:
+    return build(hinge(1, "0.1 0 0", 0, kind=kind, axis=axis))
 
 
-def load(tmp_path, text: str) -> SoftModel:
-    path = tmp_path / "robot.urdf"
-    path.write_text(text)
-    return softdyn.load(path)
-
-
-def test_one_degree_of_freedom(tmp_path):
+def test_one_degree_of_freedom():
     """A point mass on a weightless rod: M = m r², g = m g r cos q, by hand."""
-    model = load(tmp_path, ONE.format(kind="continuous", axis="0 -3 0"))
+    model = one("continuous", "0 -3 0")
     assert (model.nq, model.nv, model.nu) == (2, 1, 0)
     q = model.configuration([0.3])
     s = model.state(q, [2.0])
@@ -242,28 +234,26 @@ def test_one_degree_of_freedom(tmp_path):
     assert model.coordinates(model.integrate(q, np.array([np.pi]))) == pytest.approx([0.3 - np.pi])
 
 
-def test_a_singular_mass_matrix_is_refused(tmp_path):
+def test_a_singular_mass_matrix_is_refused():
     with refused("<robot>", "a singular one; joint 'j' meets the least inertia", by=UrdfError):
-        load(tmp_path, ONE.format(kind="revolute", axis="1 0 0"))
+        one("revolute", "1 0 0")
 
 
-COAXIAL = """<robot name="r"><link name="base"/>
-<link name="a"><inertial><mass value="1"/><inertia ixx="{first}" iyy="{first}" izz="{first}"
- ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="b"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"
- ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="i" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/></joint>
-<joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>
-</robot>"""
-
-
-def test_how_singular_a_mass_matrix_may_be(tmp_path):
+def test_how_singular_a_mass_matrix_may_be():
     """Two joints on one axis, M = [[x + 1, 1], [1, 1]]: scaled, its least eigenvalue is x/4."""
-    assert load(tmp_path, COAXIAL.format(first="1.6e-13")).nv == 2
+
+    def coaxial(moment: float) -> SoftModel:
+        return build(robot(
+            "coaxial", link("base"), link("a", 1, None, moment), link("b", 1, None, 1),
+            joint("i", "base", "a", "0 0 1", "continuous"),
+            joint("j", "a", "b", "0 0 1", "continuous"),
+        ))  # fmt: skip
+
+    assert coaxial(1.6e-13).nv == 2
     with refused("<robot>", "a singular one; joint 'j' meets the least inertia", by=UrdfError):
-        load(tmp_path, COAXIAL.format(first="1e-14"))
+        coaxial(1e-14)
 
 
-def test_a_robot_without_moving_joints_is_refused(tmp_path):
+def test_a_robot_without_moving_joints_is_refused():
     with refused("<robot>", "none", by=UrdfError):
-        load(tmp_path, '<robot name="r"><link name="a"/></robot>')
+        build(robot("r", link("a")))

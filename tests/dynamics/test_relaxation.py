@@ -20,8 +20,10 @@ from softdyn.dynamics.mimic import build
 from softdyn.dynamics.relaxation import Branches, without_branches
 from softdyn.statics.suspicious_values import fast_springs
 from softdyn.validation import PlantErrors, Twin, compare, crosscheck, rollout
+from tests.support import robots
 from tests.support.command import command
-from tests.support.micro import GRIPPER
+from tests.support.robots import GRIPPER, hinge
+from tests.support.robots import build as build_text
 
 SPRING, DAMPER, INERTIA = 2.0, 0.05, 0.01  # N m/rad, N m s/rad, kg m²
 BRANCHES = ((0.6, 0.2), (0.3, 0.05))
@@ -38,18 +40,10 @@ def creeping(robot: softdyn.Robot, share: float = 0.25, time: float = 1.5) -> so
 def one_joint() -> softdyn.SoftModel:
     """A joint about the vertical, with a unit gear on its angle."""
     numbers = " ".join(f"{k} {time}" for k, time in BRANCHES)
-    text = (
-        '<robot name="one"><link name="base"/><link name="arm"><inertial><mass value="1"/>'
-        f'<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="{INERTIA}"/></inertial></link>'
-        '<joint name="turn" type="revolute"><parent link="base"/><child link="arm"/>'
-        f'<axis xyz="0 0 1"/><dynamics damping="{DAMPER}"/>'
-        '<limit lower="-3" upper="3" effort="9" velocity="9"/></joint>'
-        f'<gazebo reference="turn"><springStiffness>{SPRING}</springStiffness></gazebo>'
-        f'<softdyn version="1"><joint name="turn" relaxation="{numbers}"/>'
-        '<tendon name="drive"><joint name="turn" coef="1"/></tendon>'
-        '<actuator name="u" tendon="drive" gear="1" lower="-9" upper="9"/></softdyn></robot>'
-    )
-    return build(parse_text(text, path=Path("one.urdf")))
+    return build_text(hinge(
+        1, "0 0 0", f"1 1 {INERTIA}", axis="0 0 1", limit=(-3, 3), damping=DAMPER, stiffness=SPRING,
+        pull=(-9, 9), block=f'<joint name="hinge" relaxation="{numbers}"/>',
+    ))  # fmt: skip
 
 
 def deflection(t: float, torque: float) -> float:
@@ -127,8 +121,7 @@ def test_rest_state_and_export_are_those_of_the_relaxed_spring(tmp_path: Path) -
     assert twin.qpos == pytest.approx([1.5 / SPRING], abs=1e-6)
     assert twin.memory.torque == pytest.approx([0.0, 0.0], abs=1e-6)
     assert crosscheck(soft, samples=3, trajectories=False).passed
-    urdf = tmp_path / "soft.urdf"
-    urdf.write_text(write(soft.robot))
+    urdf = robots.write(tmp_path, write(soft.robot))
     assert softdyn.load(urdf).robot.joints == soft.robot.joints
     found = compare(urdf, softdyn.load("finger").robot.path)
     assert {one.where for one in found.causes} == {f"relaxation of {n}" for n in soft.joint_names}

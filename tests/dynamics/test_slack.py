@@ -18,11 +18,11 @@ from softdyn.dynamics.derivatives import (
 from softdyn.dynamics.integrators import step_rk4
 from softdyn.identification.unknowns.kinds import KINDS, Around, MotionSample
 from softdyn.statics.equilibrium import potential, residual
-from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
-from tests.support.cart import load
 from tests.support.oracles import gradient, relative
-from tests.support.rigged import slackened
+from tests.support.random_robots import write_robot
+from tests.support.rigs import slackened
+from tests.support.robots import build, cable, slide
 
 BAR = 1e-7
 SEEDS = (1, 12, 16, 19, 23)  # with fixed and spatial tendons, branches and continuous joints
@@ -174,19 +174,12 @@ def test_the_horizon_keeps_the_taut_tendons_of_its_state(tmp_path):
         assert relative(h, state.h + 0.05 * stiffness @ v) < 1e-6
 
 
-CART = """<robot name="cart"><link name="base"/>
-  <link name="body"><inertial><mass value="0.5"/>
-    <inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>
-  <joint name="x" type="prismatic"><parent link="base"/><child link="body"/><axis xyz="1 0 0"/>
-    <limit lower="-9" upper="9" effort="1" velocity="1"/></joint>
-  <softdyn version="1"><tendon name="cable"><joint name="x" coef="1"/></tendon></softdyn></robot>"""
 MASS, K, SPEED, STEPS = 0.5, 800.0, 2.0, 400
 
 
-def cart(tmp_path, damping: float) -> SoftModel:
-    robot = load(tmp_path, CART).robot
-    cable = replace(robot.tendons[0], stiffness=K, damping=damping, rest=0.3, slack=True)
-    return softdyn.build(replace(robot, tendons=(cable,)))
+def cart(damping: float) -> SoftModel:
+    spring = {"stiffness": K, "damping": damping, "rest": 0.3, "slack": "true"}
+    return build(slide(MASS, limit=(-9, 9), block=cable("cable", "slide 1", **spring)))
 
 
 def run(model: SoftModel, x: float, time: float) -> list[tuple[float, float]]:
@@ -198,9 +191,9 @@ def run(model: SoftModel, x: float, time: float) -> list[tuple[float, float]]:
     return path
 
 
-def test_a_slack_cable_catches_a_cart_and_returns_its_energy(tmp_path):
+def test_a_slack_cable_catches_a_cart_and_returns_its_energy():
     """The catch is half an oscillation; its stretch is v √(m/k), and the speed comes back."""
-    model, rate = cart(tmp_path, 0.0), math.sqrt(K / MASS)
+    model, rate = cart(0.0), math.sqrt(K / MASS)
     caught = run(model, 0.3, math.pi / rate)
     assert max(x for x, _ in caught) == pytest.approx(0.3 + SPEED / rate, rel=1e-8)
     assert caught[-1] == pytest.approx((0.3, -SPEED), rel=1e-8)
@@ -211,10 +204,10 @@ def test_a_slack_cable_catches_a_cart_and_returns_its_energy(tmp_path):
     assert model.elastic_energy([0.2]) == 0
 
 
-def test_a_damped_catch_ends_where_the_damper_takes_the_tension(tmp_path):
+def test_a_damped_catch_ends_where_the_damper_takes_the_tension():
     """m s̈ + d ṡ + k s = 0 until s̈ = 0, with s still positive; then the cart moves freely."""
     d = 8.0
-    model = cart(tmp_path, d)
+    model = cart(d)
     decay = d / (2 * MASS)
     rate = math.sqrt(K / MASS - decay**2)
     # s = (v / w) e^(-a t) sin(w t); s̈ = 0 at tan(w t) = 2 a w / (a² - w²)

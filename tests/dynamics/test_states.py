@@ -8,11 +8,11 @@ import pytest
 import softdyn
 from softdyn import InputError, SoftModel
 from softdyn.dynamics.tree import TreeModel
-from tests.proof.crosschecks.random_robots import write_robot
-from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support.arms import PROJECTIONS
-from tests.support.balanced import balanced
-from tests.support.micro import FLOATING, write
+from tests.support.balance_cases import balanced
+from tests.support.random_robots import write_robot
+from tests.support.robots import WALKER, write
+from tests.support.wrapped_robots import wrapped_robot
 
 SOURCES = ("finger", "helix", "spirob", "slack", "winched", *range(6), *PROJECTIONS, "walker",
            "wrapped")  # fmt: skip
@@ -28,7 +28,7 @@ def model(request, tmp_path) -> SoftModel:
     if source == "wrapped":
         return softdyn.build(wrapped_robot(3, bodies=2))
     if source == "walker":
-        return softdyn.load(write(tmp_path, FLOATING), floating=True)
+        return softdyn.load(write(tmp_path, WALKER), floating=True)
     if isinstance(source, int):
         return softdyn.load(write_robot(source, tmp_path))
     return softdyn.load(source) if source == "helix" else balanced(source, tmp_path)

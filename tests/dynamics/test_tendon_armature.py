@@ -20,11 +20,11 @@ from softdyn.dynamics.model import SoftModel
 from softdyn.validation import Twin, compare, crosscheck
 from softdyn.validation.crosschecks.engines import side_by_side
 from softdyn.validation.twin.rig import Rig
-from tests.proof.crosschecks.random_robots import random_urdf
-from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support.command import command
-from tests.support.micro import GRIPPER
+from tests.support.random_robots import random_urdf
 from tests.support.refused import refused
+from tests.support.robots import GRIPPER
+from tests.support.wrapped_robots import wrapped_robot
 
 STEP = 1e-4  # rotors make M stiff, and a shorter step loses digits
 TWO = """<mujoco model="differential"><worldbody>

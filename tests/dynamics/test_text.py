@@ -12,7 +12,7 @@ import pytest
 
 import softdyn
 from softdyn.dynamics.text import short
-from tests.support import micro, winched
+from tests.support import robots
 
 
 def test_a_model_says_its_sizes_and_inputs():
@@ -52,7 +52,7 @@ def test_robots_without_springs_can_be_printed(name, options, said):
 
 
 def test_the_rig_is_said(tmp_path):
-    model = softdyn.load(micro.write(tmp_path, winched.ARM))
+    model = robots.load(tmp_path, robots.WINCHED)
     lines = [line.strip() for line in str(model).splitlines()]
     assert lines[-3:] == [
         "motors flexor: command a length, through a cable of 600 N/m, 4 N s/m, lag 0.02 s, "

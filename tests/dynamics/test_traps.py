@@ -18,21 +18,17 @@ import softdyn
 from softdyn import UrdfError, parse
 from softdyn.validation import Twin
 from softdyn.validation.twin.twin import SimulationError
-from tests.support.misuses import ARM, INERTIAL, LIMIT
+from tests.support import robots
+from tests.support.misuses import ARM, INERTIAL
 from tests.support.refused import refused
 
-
-def joint(name: str, parent: str, child: str, axis: str = "0 1 0") -> str:
-    return (
-        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="0 0 0.1"/><axis xyz="{axis}"/>{LIMIT}</joint>'
-    )
+PLACE = {"at": "0 0 0.1"}
 
 
 def robot(body: str, axis: str = "0 1 0", more: str = "") -> str:
     """One link on a hinge, its inertia given."""
-    links = f'<link name="base"/><link name="bob">{body}</link>'
-    return f'<robot name="r">{links}{joint("j", "base", "bob", axis)}{more}</robot>'
+    bob = robots.link("base") + robots.tag("link", body, name="bob")
+    return robots.robot("r", bob, robots.joint("j", "base", "bob", axis, **PLACE), more)
 
 
 def with_mass(text: str) -> str:
@@ -40,12 +36,12 @@ def with_mass(text: str) -> str:
 
 
 def chain(count: int) -> str:
-    links = "".join(f'<link name="l{i}">{INERTIAL}</link>' for i in range(count))
-    joints = "".join(joint(f"j{i}", f"l{i - 1}", f"l{i}") for i in range(1, count))
-    return f'<robot name="c">{links}{joints}</robot>'
+    links = [robots.tag("link", INERTIAL, name=f"l{i}") for i in range(count)]
+    joints = [robots.joint(f"j{i}", f"l{i - 1}", f"l{i}", **PLACE) for i in range(1, count)]
+    return robots.robot("c", *links, *joints)
 
 
-SECOND = joint("k", "base", "bob", "1 0 0")
+SECOND = robots.joint("k", "base", "bob", "1 0 0", **PLACE)
 SILENT = {
     "massless leaf": (robot(""), "a positive mass"),
     "negative mass": (robot(with_mass("-0.1")), "value >= 0"),
@@ -64,8 +60,7 @@ def test_pinocchio_accepts_and_softdyn_refuses(case: str, tmp_path: Path) -> Non
     text, expected = SILENT[case]
     model = pin.buildModelFromXML(text)
     assert model.nv >= 1
-    path = tmp_path / "r.urdf"
-    path.write_text(text)
+    path = robots.write(tmp_path, text)
     with pytest.raises(UrdfError) as caught:
         parse(path)
     assert expected in caught.value.expected
@@ -82,8 +77,7 @@ def test_a_chain_that_would_overflow_the_stack_never_reaches_pinocchio(
     count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pin, "buildModelFromXML", lambda *_: pytest.fail("it did"))
-    path = tmp_path / "c.urdf"
-    path.write_text(chain(count))
+    path = robots.write(tmp_path, chain(count))
     with refused("<robot>", count, by=UrdfError):
         softdyn.load(path)
 
@@ -92,15 +86,13 @@ def test_degrees_of_freedom_are_counted_before_pinocchio_allocates(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pin, "buildModelFromXML", lambda *_: pytest.fail("it did"))
-    path = tmp_path / "c.urdf"
-    path.write_text(chain(301))
+    path = robots.write(tmp_path, chain(301))
     with refused("<robot>", 300, by=UrdfError):
         softdyn.load(path)
 
 
 def test_yourdfpy_returns_a_part_of_a_truncated_robot(tmp_path: Path) -> None:
-    path = tmp_path / "r.urdf"
-    path.write_text(ARM[: ARM.index('<joint name="slide"')])
+    path = robots.write(tmp_path, ARM[: ARM.index('<joint name="slide"')])
     options = {"build_scene_graph": False, "load_meshes": False}
     part = yourdfpy.URDF.load(str(path), **options).robot
     assert len(part.links) == 7
@@ -121,9 +113,7 @@ def test_meshes_elsewhere_reach_no_engine(name: str, tmp_path: Path) -> None:
         '<link name="base"/>',
         f'<link name="base"><visual>{shape}</visual><collision>{shape}</collision></link>',
     )
-    path = tmp_path / "r.urdf"
-    path.write_text(text)
-    model = softdyn.load(path)
+    model = robots.load(tmp_path, text)
     assert "mesh" not in model.robot.xml
     twin = Twin(model, contacts=True)
     assert twin.model.nmesh == 0
@@ -159,8 +149,7 @@ def test_a_body_that_pinocchio_reads_otherwise_is_refused(
     solid = '<inertial><origin xyz="0 0 0.05"/><mass value="0.1"/>' + (
         '<inertia ixx="9e-5" ixy="0" ixz="0" iyy="9e-5" iyz="0" izz="9e-5"/></inertial>'
     )
-    path = tmp_path / "r.urdf"
-    path.write_text(robot(solid))
+    path = robots.write(tmp_path, robot(solid))
     parsed = parse(path)
     assert parsed.xml.count(was) == 1
     other = replace(parsed, xml=parsed.xml.replace(was, becomes))
@@ -175,7 +164,6 @@ def test_pinocchio_misplaces_the_centre_of_very_light_bodies(tmp_path: Path) -> 
     light = INERTIAL.replace('value="0.1"', 'value="1e-17"').replace("e-5", "e-17")
     far = light.replace('xyz="0.05 0 0"', 'xyz="3 0 0"')
     weld = '<joint name="w" type="fixed"><parent link="bob"/><child link="pin"/></joint>'
-    path = tmp_path / "r.urdf"
-    path.write_text(robot(light, more=f'<link name="pin">{far}</link>{weld}'))
+    path = robots.write(tmp_path, robot(light, more=f'<link name="pin">{far}</link>{weld}'))
     with refused('<link name="bob">', "0.0121699 0 0 m in Pinocchio", by=UrdfError):
         softdyn.build(parse(path))

@@ -10,36 +10,33 @@ import pytest
 
 import softdyn
 from softdyn import InputError
-from tests.support.micro import FLOATING, write
+from tests.support.robots import WALKER, build, hinge, load
 
-SPIN = """<robot name="spin"><link name="world"/><link name="rod"><inertial>
-<origin xyz="0.2 0 0"/><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>
-</inertial></link><joint name="spin" type="continuous"><parent link="world"/><child link="rod"/>
-<axis xyz="0 1 0"/></joint></robot>"""
+SPIN = hinge(1, "0.2 0 0", 1, kind="continuous")
 
 
 @pytest.mark.parametrize("q", [[2.0, 0.0], [0.0, 0.0], [1.0, 1e-2], [1 + 2e-6, 0.0]], ids=str)
 @pytest.mark.parametrize("call", ["state", "forward_dynamics", "link_poses", "gravity"])
-def test_a_continuous_joint_takes_points_of_the_circle_alone(q, call, tmp_path) -> None:
+def test_a_continuous_joint_takes_points_of_the_circle_alone(q, call) -> None:
     """Else the mass matrix, gravity and the tip are those of a rod that is stretched."""
-    model = softdyn.load(write(tmp_path, SPIN))
+    model = build(SPIN)
     more = {"state": ([0.0],), "forward_dynamics": ([0.0], [])}.get(call, ())
     with pytest.raises(InputError) as caught:
         getattr(model, call)(q, *more)
-    assert "cos, sin of joint 'spin'" in caught.value.expected
+    assert "cos, sin of joint 'hinge'" in caught.value.expected
     assert caught.value.got == ", ".join(f"{x:g}" for x in q)
 
 
-def test_rounded_points_of_the_circle_are_taken(tmp_path) -> None:
+def test_rounded_points_of_the_circle_are_taken() -> None:
     """Gravity's torque about the hinge is by hand: -m g r cos of the angle, r along x."""
-    model = softdyn.load(write(tmp_path, SPIN))
+    model = build(SPIN)
     for angle in np.linspace(-4, 4, 9):
         q = [round(math.cos(angle), 7), round(math.sin(angle), 7)]
         assert model.state(q, [0.0]).g[0] == pytest.approx(-9.81 * 0.2 * math.cos(angle), abs=1e-6)
 
 
 def test_a_quaternion_has_length_one(tmp_path) -> None:
-    model = softdyn.load(write(tmp_path, FLOATING), floating=True)
+    model = load(tmp_path, WALKER, floating=True)
     q = model.q0.copy()
     q[3:7] = 0.0, 0.0, 0.0, 2.0
     with pytest.raises(InputError) as caught:

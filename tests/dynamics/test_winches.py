@@ -12,12 +12,12 @@ from softdyn import SoftModel
 from softdyn.actuation import Winches
 from softdyn.description.rig import CommandKind
 from softdyn.dynamics.integrators import step_implicit
-from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
-from tests.support.cart import CART, load
+from tests.support.cart import cart as on_a_spring
 from tests.support.oracles import relative
+from tests.support.random_robots import write_robot
 from tests.support.refused import refused
-from tests.support.rigged import wound
+from tests.support.rigs import wound
 
 BAR = 1e-7
 SEEDS = (1, 12, 16, 19, 23)  # with inputs on fixed and spatial tendons
@@ -83,18 +83,17 @@ def test_derivatives(model):
 SPRING = 8.0
 
 
-def cart(tmp_path, **winch: float) -> SoftModel:
+def cart(**winch: float) -> SoftModel:
     """A cart on a spring, with a winch that pulls it towards -x."""
-    text = CART.format(damping=1.0, stiffness=SPRING, lower=0, upper=30)
-    robot = load(tmp_path, text).robot
+    robot = on_a_spring(0, 30, damping=1.0, stiffness=SPRING).robot
     (motor,) = robot.actuators
     defaults = {"gear": -0.5, "command": CommandKind.LENGTH, "stiffness": 40.0}
     return softdyn.build(replace(robot, actuators=(replace(motor, **{**defaults, **winch}),)))
 
 
-def test_static_tension_is_that_of_two_springs_in_series(tmp_path):
+def test_static_tension_is_that_of_two_springs_in_series():
     """-s x = k (x - c): the tension is s k |c| / (s + k) at the free length c."""
-    model, c = cart(tmp_path, damping=3.0), -0.3
+    model, c = cart(damping=3.0), -0.3
     winches, tension = Winches(model), SPRING * 40.0 * 0.3 / (SPRING + 40.0)
     x = np.array([-tension / SPRING])
     u = winches.tensions(model.state(x, [0.0]), [c])
@@ -106,9 +105,9 @@ def test_static_tension_is_that_of_two_springs_in_series(tmp_path):
     assert q == pytest.approx(x, rel=1e-9)
 
 
-def test_bounds(tmp_path):
+def test_bounds():
     """A slack cable and a saturated input do not change with q, q̇ and the command."""
-    model = cart(tmp_path, damping=3.0, length_lower=-0.1, length_upper=0.4)
+    model = cart(damping=3.0, length_lower=-0.1, length_upper=0.4)
     winches = Winches(model)
     state = model.state([0.2], [0.1])
     for command, u in ((0.3, 0.0), (-2.0, 30.0)):  # tensions -3.7 and 88.3 N
@@ -125,16 +124,16 @@ def test_bounds(tmp_path):
     np.testing.assert_array_equal(winches.upper, [0.4])
 
 
-def test_an_offset_is_added_to_a_command_of_length(tmp_path):
+def test_an_offset_is_added_to_a_command_of_length():
     """T = k (ℓ - c - z): 40 N/m times 0.2 + 0.1 - 0.02 m; the bounds are of c + z."""
     bounds = {"length_lower": -0.3, "length_upper": 0.4}
-    model = cart(tmp_path, offset=0.02, **bounds)
+    model = cart(offset=0.02, **bounds)
     winches, state = Winches(model), model.state([0.2], [0.0])
     assert winches.tensions(state, [-0.1]) == pytest.approx([40.0 * 0.28 / 0.5], rel=1e-12)
     assert winches.commands(state, [40.0 * 0.28 / 0.5]) == pytest.approx([-0.1], rel=1e-12)
     np.testing.assert_array_equal(winches.lower, [-0.3 - 0.02])
     assert winches.commands(model.state([0.9], [0.0]), [0.0]) == 0.4 - 0.02
-    speed = cart(tmp_path, offset=0.02, command=CommandKind.VELOCITY, **bounds)
+    speed = cart(offset=0.02, command=CommandKind.VELOCITY, **bounds)
     np.testing.assert_array_equal(Winches(speed).offset, [0.0])
 
 

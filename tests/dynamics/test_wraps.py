@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,31 +13,20 @@ from softdyn import SoftModel
 from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.derivatives import tangent_dynamics
 from softdyn.dynamics.wraps import Contact, RoundBodies, RoundBody, courses
-from softdyn.loading import load_text
 from softdyn.statics.equilibrium import potential
-from tests.proof.crosschecks.wrapped_robots import wrapped_robot
-from tests.proof.wraps import measure
 from tests.support.oracles import gradient, rate, relative
+from tests.support.robots import build, slide
+from tests.support.wrap_errors import measure
+from tests.support.wrapped_robots import wrapped_robot
 
 BAR = 1e-7
 STEP = 1e-4  # m, of the differences of a course
-PATH = Path("wrap.urdf")
-SOLID = (
-    '<inertial><mass value="1"/>'
-    '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
-)
+DRUM = '<cylinder link="base" xyz="0 0 0" axis="0 1 0" radius="0.03" side="0 0 0.05"/>'
 # a cable over a drum of 30 mm to a slide
-SLIDE = f"""\
-<robot name="wrap"><link name="world"/><link name="slide">{SOLID}</link>
-  <joint name="lift" type="prismatic"><parent link="world"/><child link="slide"/>
-    <axis xyz="0 0 1"/><limit lower="-0.2" upper="0.2" effort="1" velocity="1"/></joint>
-  <softdyn version="1">
-    <tendon name="cable"><site link="world" xyz="-0.15 0 -0.12"/>
-      <cylinder link="world" xyz="0 0 0" axis="0 1 0" radius="0.03" side="0 0 0.05"/>
-      <site link="slide" xyz="0.15 0 -0.12"/></tendon>
-    <actuator name="pull" tendon="cable" gear="-1" lower="0" upper="9"/>
-  </softdyn>
-</robot>"""
+SLIDE = slide(
+    1, 0.01, name="lift", child="slide", axis="0 0 1", limit=(-0.2, 0.2), pull=(0, 9), gear=-1,
+    path=("base -0.15 0 -0.12", DRUM, "slide 0.15 0 -0.12"),
+)  # fmt: skip
 
 
 def round_body(radius=0.03, sphere=False, side=None, inside=False) -> RoundBody:
@@ -56,7 +44,7 @@ class Course:
 
 
 def test_a_cable_over_a_drum():
-    model = load_text(SLIDE, path=PATH)
+    model = build(SLIDE)
     for q, length, arm in (
         (0.0, 0.4293667168742827, -0.738981007),
         (0.05, 0.3960376919, -0.5801158554),
@@ -215,7 +203,7 @@ def test_a_site_on_the_surface_and_one_inside():
 
 def test_lift_off_and_landing_are_continuous():
     """The moment arm of the slide has no jump where the cable lifts off its drum."""
-    model = load_text(SLIDE.replace("-0.2", "-0.4").replace('"0.2"', '"0.4"'), path=PATH)
+    model = build(SLIDE.replace("-0.2", "-0.4").replace('"0.2"', '"0.4"'))
     qs = np.linspace(0.0, 0.35, 701)
     states = [model.state([q], [0.0]) for q in qs]
     contacts = [model.tendon_geometry(s.q).around.courses.contact[0] for s in states]

@@ -12,7 +12,7 @@ from softdyn.estimation import Ekf
 from softdyn.estimation.arrivals import MOST_ROWS, sensor_channels
 from softdyn.sensing import Sensor, SensorKind, Sensors
 from tests.support.refused import refused
-from tests.support.sensed import sensors
+from tests.support.rigs import sensors
 
 PERIOD = 0.005
 

@@ -8,7 +8,7 @@ import softdyn
 from softdyn.estimation import Ekf, EkfParameters
 from softdyn.estimation.consistency import chi_squared_bounds, nees
 from softdyn.sensing import Sensors
-from tests.support.sensed import sensors
+from tests.support.rigs import sensors
 
 PERIOD, RUNS, STEPS = 0.005, 20, 40
 U = np.array([0.3, -0.2])

@@ -20,8 +20,8 @@ from softdyn.estimation import Disturbance, Ekf, EkfParameters
 from softdyn.estimation.consistency import chi_squared_bounds, nees
 from softdyn.estimation.covariance import symmetrised, update
 from softdyn.sensing import Sensors
-from tests.support.micro import FLOATING, write
-from tests.support.sensed import sensors
+from tests.support.rigs import sensors
+from tests.support.robots import WALKER, write
 
 PERIOD = 0.005
 MEMORY = EkfParameters().memory
@@ -473,7 +473,7 @@ def test_refused_arguments(tmp_path):
         lambda: Ekf(model, sensors(model), ("payload", "payload")),
         lambda: Ekf(model, [1, 2]),
         lambda: Ekf(model, sensors(model), start=(np.zeros(3), np.zeros(4))),
-        lambda: Ekf(softdyn.load(write(tmp_path, FLOATING), floating=True), sensors(model)),
+        lambda: Ekf(softdyn.load(write(tmp_path, WALKER), floating=True), sensors(model)),
         lambda: Ekf(model, sensors(model)).step(0.0, np.zeros(4), np.zeros(2)),
         lambda: Ekf(model, sensors(model)).step(0.0, np.zeros(5), "none"),
         lambda: EkfParameters(memory=0.0),

@@ -10,7 +10,7 @@ from softdyn.estimation import Disturbance, EkfParameters
 from softdyn.estimation.arrivals import sensor_channels
 from softdyn.estimation.filter import Filter, FilteredModel, Fused
 from softdyn.estimation.timeline import Reading
-from tests.support.sensed import sensors
+from tests.support.rigs import sensors
 
 STEP, U = 0.005, np.array([0.2, -0.1])
 SMALL = EkfParameters(spread=1e-5, process=1e-5, least_process=1e-5, tip_force=1e-5)

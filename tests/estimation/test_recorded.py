@@ -6,7 +6,7 @@ import numpy as np
 
 from softdyn.estimation import Ekf, observe_data
 from softdyn.estimation.recorded import read_rows
-from tests.support.sensed import sensed
+from tests.support.rigs import sensed
 
 
 def test_a_row_has_the_commands_of_the_row_before(tmp_path):

@@ -15,7 +15,7 @@ from softdyn.description.robot import JointTerm, Tendon
 from softdyn.estimation import Ekf, EkfParameters
 from softdyn.sensing import Sensors
 from softdyn.statics import rest_after, settle
-from tests.support.rubbing import chain, pulled
+from tests.support.cable_chains import chain, pulled
 
 PERIOD = 0.01
 U = np.array([-2.0, -0.3])

@@ -8,13 +8,13 @@ import pytest
 from softdyn import SetPoint
 from softdyn.estimation import Ekf
 from softdyn.validation import Rig, simulate
-from tests.support.benched import benched
+from tests.support.bench import bench_arm
 
 
 @pytest.fixture(scope="module")
 def run():
     """A swinging arm: its model and the log of its true motion, sampled every millisecond."""
-    model = benched()
+    model = bench_arm()
 
     def law(state, reference):
         calls.append(1)

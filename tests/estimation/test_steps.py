@@ -12,7 +12,7 @@ from softdyn.dynamics.implicit_step import ImplicitStep, ImplicitStepResult
 from softdyn.estimation import Disturbance
 from softdyn.estimation.arrivals import second_order, sharp
 from softdyn.sensing import Sensors
-from tests.support.balanced import BALANCED, balanced, case
+from tests.support.balance_cases import BALANCED, balanced, case
 from tests.support.oracles import relative
 
 ALL = tuple(Disturbance)

@@ -12,7 +12,7 @@ from softdyn.estimation import Ekf, EkfParameters, chi_squared_bounds
 from softdyn.validation import simulate
 from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.rig import rig_of
-from tests.support.benched import benched
+from tests.support.bench import bench_arm
 
 PERIOD, WINDOW = 0.005, 40  # s; steps, as the bench judges an estimate
 
@@ -24,7 +24,7 @@ def thrown(push: float, soft: bool = False):
         calls.append(1)
         return push * np.array([1.0, -1.0]) * (1 if len(calls) <= 100 else -1)
 
-    model, calls = benched(), []
+    model, calls = bench_arm(), []
     rig = replace(rig_of("file"), plant=PlantErrors(soft_stops=soft))
     return model, simulate(model, law, SetPoint(np.zeros(3)), duration=1.0, period=PERIOD, rig=rig)
 

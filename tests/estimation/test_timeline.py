@@ -11,7 +11,7 @@ import softdyn
 from softdyn.actuation.drives import Drives
 from softdyn.estimation.arrivals import sensor_channels
 from softdyn.estimation.timeline import Expected, Span, StepTime, Timeline
-from tests.support.sensed import sensors
+from tests.support.rigs import sensors
 
 LAG, DELAY, LATE, PERIOD = 0.02, 0.003, 0.013, 0.005
 

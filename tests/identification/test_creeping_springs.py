@@ -15,8 +15,7 @@ from softdyn.identification.parameters import apply_values
 from softdyn.identification.trajectory import Start, creeping_springs, follow
 from softdyn.identification.unknowns.kinds import Around
 from softdyn.identification.unknowns.relaxation import shares
-from tests.dynamics.test_relaxation import one_joint
-from tests.proof.identification.decays import UNKNOWNS, decay, fitted
+from tests.support.creep_decays import UNKNOWNS, decay, fitted, spring_hinge
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +64,6 @@ def test_a_spring_of_another_stiffness_keeps_its_shares(finger) -> None:
 
 
 def test_share_and_time_from_a_step_and_its_decay() -> None:
-    inside = fitted(one_joint(), decay(one_joint(), 1))
+    inside = fitted(spring_hinge(), decay(spring_hinge(), 1))
     assert sorted(inside) == sorted(UNKNOWNS)
     assert all(inside.values())

@@ -13,8 +13,9 @@ from softdyn import identification, statics
 from softdyn.commands import identify as command
 from softdyn.identification.data import Measurements, at_stops, check_data
 from softdyn.validation.identification.trials import Excitation, twin_data
-from tests.support import ROOT, cart
+from tests.support import ROOT, cart, robots
 from tests.support.refused import refused
+from tests.support.robots import build, changed, hinge, link, load
 
 HEADER = "t,u.u1,u.u2,q.joint1,q.joint2,q.joint3,q.joint4"
 
@@ -92,21 +93,17 @@ def test_slow_samples_are_read_where_the_title_says_seconds(finger, tmp_path):
     assert identification.read_csv(path, finger).t.tolist() == [0, 5, 10]
 
 
-WHEEL = """<robot name="wheel">
-  <link name="stand"/>
-  <link name="rotor"><inertial><mass value="0.4"/>
-    <inertia ixx="2e-4" ixy="0" ixz="0" iyy="2e-4" iyz="0" izz="3e-4"/></inertial></link>
-  <joint name="spin" type="KIND"><parent link="stand"/><child link="rotor"/><axis xyz="0 0 1"/>
-    <limit lower="-6" upper="6" effort="1" velocity="100"/><dynamics damping="6e-4"/></joint>
-  <softdyn version="1"><tendon name="shaft"><joint name="spin" coef="1"/></tendon>
-    <actuator name="motor" tendon="shaft" lower="-0.1" upper="0.1"/></softdyn>
-</robot>"""
+def wheel(kind: str) -> softdyn.SoftModel:
+    return build(hinge(
+        0.4, None, "2e-4 2e-4 3e-4", name="spin", child="rotor", kind=kind, axis="0 0 1",
+        limit=(-6, 6), damping=6e-4, pull=(-0.1, 0.1), drive={"name": "motor"},
+    ))  # fmt: skip
 
 
 @pytest.mark.parametrize("written", ["unwrapped", "wrapped", "cos_and_sin", "log", "to_2_pi"])
 def test_a_joint_that_turns_many_times_is_read_in_each_form(tmp_path, written):
     """q(t) = u / c (t - τ (1 - exp(-t / τ))), τ = I / c: 5 turns in 3 s."""
-    model = cart.load(tmp_path, WHEEL.replace("KIND", "continuous"))
+    model = wheel("continuous")
     t, u, c = np.arange(0, 3, 0.01), 0.01, 9e-4
     tau = 3e-4 / c
     q = u / c * (t - tau * (1 - np.exp(-t / tau)))
@@ -126,9 +123,9 @@ def test_a_joint_that_turns_many_times_is_read_in_each_form(tmp_path, written):
     np.testing.assert_allclose(data.outputs[:, 0], q, atol=1e-8)
 
 
-def test_data_in_motion_need_no_equilibrium_under_the_first_input(tmp_path):
+def test_data_in_motion_need_no_equilibrium_under_the_first_input():
     """Nothing holds a wheel against its motor, and a log of it has the tip beside the angle."""
-    model = cart.load(tmp_path, WHEEL.replace("KIND", "continuous"))
+    model = wheel("continuous")
     t, names = np.linspace(0, 1, 11), ("q.spin", "tip.x", "tip.y", "tip.z")
     outputs = np.stack([t**2, 0 * t, 0 * t, 0 * t], 1)
     data = Measurements(t, np.full((11, 1), 0.01), names, outputs)
@@ -170,7 +167,7 @@ def test_data_in_motion_need_no_equilibrium_under_the_first_input(tmp_path):
     ],
 )
 def test_angles_that_do_not_say_how_far_a_joint_turned(tmp_path, kind, head, cells, wrong):
-    model, file = cart.load(tmp_path, WHEEL.replace("KIND", kind)), tmp_path / "turns.csv"
+    model, file = wheel(kind), tmp_path / "turns.csv"
     rows = (f"{k / 100},0.01,{cell}\n" for k, cell in enumerate(cells.split()))
     file.write_text(f"t,u.motor,{head}\n" + "".join(rows))
     with refused(*wrong):
@@ -203,8 +200,7 @@ def test_new_numbers_in_the_file(finger, tmp_path):
         "stiffness": {"joint2": 0.0123}, "damping": {"joint1": 0.5}, "rest": {"joint3": 0.1},
         "gear": {"u1": -0.7}, "mass": {"joint4": 2.0},
     }  # fmt: skip
-    path = tmp_path / "new.urdf"
-    path.write_text(identification.rewrite_urdf(finger.robot, values))
+    path = robots.write(tmp_path, identification.rewrite_urdf(finger.robot, values), "new.urdf")
     new = softdyn.load(path)
     index = {name: k for k, name in enumerate(finger.joint_names)}
     for kind, (joint, value) in (("stiffness", ("joint2", 0.0123)), ("damping", ("joint1", 0.5)),
@@ -232,13 +228,9 @@ def test_new_numbers_in_the_file(finger, tmp_path):
 
 
 def test_a_mass_s_factor_is_on_the_links_welded_to_its_body_too(tmp_path):
-    text = cart.CART.format(stiffness=8, damping=0.3, lower=-1, upper=1).replace(
-        '<link name="tip"/>',
-        '<link name="tip"><inertial><mass value="0.2"/><inertia ixx="1e-4" ixy="0" ixz="0" '
-        'iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>',
-    )
-    before = cart.load(tmp_path, text)
-    after = cart.load(tmp_path, identification.rewrite_urdf(before.robot, {"mass": {"x": 3.0}}))
+    text = changed(cart.text(-1, 1), (link("tip"), link("tip", 0.2, None, 1e-4)))
+    before = load(tmp_path, text)
+    after = load(tmp_path, identification.rewrite_urdf(before.robot, {"mass": {"x": 3.0}}))
     M, tripled = (one.state(np.zeros(1), np.zeros(1)).M[0, 0] for one in (before, after))
     assert pytest.approx(0.7) == M
     assert tripled == pytest.approx(2.1)
@@ -249,8 +241,7 @@ def test_what_a_file_of_annotations_gives_is_written_with_the_robot(tmp_path):
     arm = softdyn.load("ur5", annotations=overlay)
     joint = arm.joint_names[1]
     found = {"stiffness": {joint: 77.0}, "gear": {arm.robot.actuators[0].name: 2.5}}
-    path = tmp_path / "whole.urdf"
-    path.write_text(identification.rewrite_urdf(arm.robot, found))
+    path = robots.write(tmp_path, identification.rewrite_urdf(arm.robot, found), "new.urdf")
     robot = softdyn.parse(path)
     assert next(j.stiffness for j in robot.joints if j.name == joint) == 77.0
     assert robot.actuators[0].gear == 2.5

@@ -20,6 +20,7 @@ from softdyn.identification.unknowns.kinds import Around
 from tests.identification.test_static import ARM, POINTS, written
 from tests.support import cart
 from tests.support.refused import refused
+from tests.support.robots import build, load
 
 SMALL = ARM.replace("segments = 6", "segments = 3")
 
@@ -90,9 +91,8 @@ def test_static_rows(tmp_path, capsys, lacking):
 
 
 def test_dry_friction_of_a_motion(tmp_path, capsys):
-    text = cart.CART.format(stiffness=8, damping=0.3, lower=-4, upper=4)
-
-    true = cart.load(tmp_path, text.replace("<dynamics ", '<dynamics friction="0.4" '))
+    text = cart.text(-4, 4)
+    true = build(text.replace("<dynamics ", '<dynamics friction="0.4" '))
     (tmp_path / "file.urdf").write_text(text)
     t = 0.02 * np.arange(80)
     u = np.interp(t, 0.2 * np.arange(9), np.random.default_rng(3).uniform(-4, 4, 9))[:, None]
@@ -109,13 +109,12 @@ def test_dry_friction_of_a_motion(tmp_path, capsys):
     assert friction["before"] == report["rms_held_out"]
 
 
-WIRE = '<sensor name="wire" type="length" tendon="cable" noise="5e-4"/></softdyn>'
+WIRE = '<sensor name="wire" type="length" tendon="cable" noise="5e-4"/>'
 
 
 def wired(folder, noise, bias):
     """A robot with a cable's encoder, and data of its motion in a file."""
-    text = cart.CART.format(stiffness=8, damping=0.3, lower=-4, upper=4)
-    model = cart.load(folder, text.replace("</softdyn>", WIRE))
+    model = load(folder, cart.text(-4, 4, block=WIRE))
     t, rng = 0.02 * np.arange(80), np.random.default_rng(3)
     u = np.interp(t, 0.2 * np.arange(9), rng.uniform(-4, 4, 9))[:, None]
     none, names = np.zeros((1, 0)), ("q.x", "measured.wire")

@@ -24,7 +24,7 @@ from softdyn.identification.problem import Acquisition
 from softdyn.identification.result import COARSE
 from softdyn.identification.unknowns.kinds import Around, MotionSample
 from softdyn.validation.identification.trials import Excitation, deviations, trial, twin_data
-from tests.support import cart
+from tests.support import cart, robots
 from tests.support.refused import refused
 
 COMPLIANCE = ("stiffness", "damping")
@@ -87,8 +87,7 @@ def test_each_kind_s_column_is_a_difference_of_two_robots(kind, tmp_path):
     text = text.replace("<dynamics ", '<dynamics friction="1e-3" ')
     rest = '<joint name="joint1" armature="1e-3"/><sensor name="s" type="joint" joint="joint1"/>'
     text = text.replace("</softdyn>", f"{rest}</softdyn>")
-    path = tmp_path / "finger.urdf"
-    path.write_text(text)
+    path = robots.write(tmp_path, text)
     model = softdyn.load(path)
     rng = np.random.default_rng(4)
     q, v, a = rng.uniform(-1, 1, (3, model.nv))
@@ -173,7 +172,7 @@ def test_the_tip_alone_until_a_joint_comes_to_its_stop(finger):
     assert abs(np.isfinite(one.found.residuals).all(1).sum() - np.argmax(at_stop)) <= 3
 
 
-def swings(folder, seconds, dt, output, noise):
+def swings(seconds, dt, output, noise):
     """A cart's data in closed form, and its model with a spring four times as stiff."""
     k, d = 15.0, 0.1
     t, rng = np.arange(0, seconds, dt), np.random.default_rng(0)
@@ -185,13 +184,13 @@ def swings(folder, seconds, dt, output, noise):
         path.append(state[0])
         state = step @ state
     values = np.array(path) + noise * rng.standard_normal(len(t))
-    model = cart.load(folder, cart.CART.format(stiffness=4 * k, damping=d, lower=-9, upper=9))
+    model = cart.cart(stiffness=4 * k, damping=d)
     return model, Measurements(t, u[:, None], (output,), values[:, None])
 
 
-def test_coloured_residuals_widen_the_intervals(tmp_path):
+def test_coloured_residuals_widen_the_intervals():
     """By the root of 1 + 2 Σ w ρ over what white noise of that size would leave."""
-    model, data = swings(tmp_path, 2.4, 0.04, "q.x", 0.0)
+    model, data = swings(2.4, 0.04, "q.x", 0.0)
     noise, rng = np.zeros(len(data.t)), np.random.default_rng(2)
     for k in range(1, len(noise)):
         noise[k] = 0.8 * noise[k - 1] + 1e-3 * rng.standard_normal()
@@ -212,12 +211,12 @@ def test_coloured_residuals_widen_the_intervals(tmp_path):
     assert found.estimates[0].deviation == pytest.approx(factor * white[0], rel=0.02)
 
 
-def test_far_from_the_file_s_values(tmp_path):
+def test_far_from_the_file_s_values():
     """With the file's spring, the cart is 2 swings ahead after 2 s, and 8 at the end.
 
     A fit that begins with 2 s of data ends at wrong parameters.
     """
-    model, data = swings(tmp_path, 8, 0.04, "tip.x", 0.001)
+    model, data = swings(8, 0.04, "tip.x", 0.001)
     data = replace(data, outputs=data.outputs + cart.LENGTH)
     several = [one for kind in (*COMPLIANCE, "mass")
                for one in identification.parameters(model, kind, shared=True)]  # fmt: skip
@@ -230,11 +229,10 @@ def test_far_from_the_file_s_values(tmp_path):
 @pytest.mark.parametrize(
     ("stiffness", "damping"), [(1e-7, 1e-8), (1e-3, 1e-5), (3e5, 300.0), (0, 0), (12, 0)]
 )
-def test_a_first_guess_off_by_decades_is_found_from_the_data(tmp_path, stiffness, damping):
+def test_a_first_guess_off_by_decades_is_found_from_the_data(stiffness, damping):
     """The truth of the closed form is 15 N/m and 0.1 N s/m."""
-    _, data = swings(tmp_path, 3, 0.01, "q.x", 2e-5)
-    text = cart.CART.format(stiffness=stiffness, damping=damping, lower=-9, upper=9)
-    model = cart.load(tmp_path, text)
+    _, data = swings(3, 0.01, "q.x", 2e-5)
+    model = cart.cart(stiffness=stiffness, damping=damping)
     found = identification.identify(model, data, unknowns(model, *COMPLIANCE))
     assert not found.unidentifiable
     for one, truth in zip(found.estimates, (15.0, 0.1), strict=True):
@@ -244,8 +242,8 @@ def test_a_first_guess_off_by_decades_is_found_from_the_data(tmp_path, stiffness
         assert f"file times {found.estimates[0].value / stiffness:.3g}" in str(found)
 
 
-def test_rows_at_rest_need_a_first_guess_in_the_file(tmp_path):
-    model = cart.load(tmp_path, cart.CART.format(stiffness=0, damping=0, lower=-9, upper=9))
+def test_rows_at_rest_need_a_first_guess_in_the_file():
+    model = cart.cart(stiffness=0, damping=0)
     push = np.linspace(-2, 2, 12)[:, None]
     data = Measurements(np.arange(12.0), push, ("q.x",), push / 20)
     with refused("stiffness x", "none of it"):
@@ -254,7 +252,7 @@ def test_rows_at_rest_need_a_first_guess_in_the_file(tmp_path):
         )
 
 
-def test_a_gap_in_the_rows_is_stepped_through_at_their_usual_distance(tmp_path):
+def test_a_gap_in_the_rows_is_stepped_through_at_their_usual_distance():
     """A force that stays, from rest: rows of 0.6 s are lost, 0.5 s after the begin."""
     t, rng = np.arange(0, 3, 0.01), np.random.default_rng(3)
     k, c, m, force = 20.0, 0.6, cart.MASS, 2.0
@@ -264,7 +262,7 @@ def test_a_gap_in_the_rows_is_stepped_through_at_their_usual_distance(tmp_path):
     keep = np.flatnonzero((t < 0.5) | (t > 1.1))
     data = Measurements(t, np.full((len(t), 1), force), ("q.x",), x[:, None]).rows(keep)
     assert not gaps(data).size  # the input is known in it
-    model = cart.load(tmp_path, cart.CART.format(stiffness=15, damping=0.4, lower=-9, upper=9))
+    model = cart.cart(stiffness=15, damping=0.4)
     found = identification.identify(model, data, unknowns(model, *COMPLIANCE))
     for one, truth in zip(found.estimates, (k, c), strict=True):
         assert one.interval[0] < truth < one.interval[1]
@@ -272,8 +270,8 @@ def test_a_gap_in_the_rows_is_stepped_through_at_their_usual_distance(tmp_path):
     assert not found.coloured
 
 
-def test_a_gap_in_which_the_input_changed_cuts_the_run_and_is_said(tmp_path):
-    model, data = swings(tmp_path, 3, 0.01, "q.x", 2e-5)
+def test_a_gap_in_which_the_input_changed_cuts_the_run_and_is_said():
+    model, data = swings(3, 0.01, "q.x", 2e-5)
     data = data.rows(np.flatnonzero((data.t < 1.05) | (data.t > 1.75)))
     after = int(np.searchsorted(data.t, 1.05))
     assert gaps(data).tolist() == [after - 1]
@@ -286,11 +284,11 @@ def test_a_gap_in_which_the_input_changed_cuts_the_run_and_is_said(tmp_path):
     assert cut([(0, 30), (40, 90)], np.array([10, 60])) == [(11, 30), (40, 61), (61, 90)][1:]
 
 
-def test_pieces_keep_in_step_where_the_whole_does_not(tmp_path, monkeypatch):
+def test_pieces_keep_in_step_where_the_whole_does_not(monkeypatch):
     """From a spring twice as stiff, a fit of the whole run fails, and a fit by pieces succeeds."""
     monkeypatch.setattr(dynamic_fit, "PIECE", 13)
     monkeypatch.setattr(blocks, "EVALUATIONS", 5)
-    model, data = swings(tmp_path, 4, 0.04, "q.x", 0.001)
+    model, data = swings(4, 0.04, "q.x", 0.001)
     problem = make_problem(model, data, unknowns(model, "stiffness"), np.inf)
     assert problem.runs == ((0, 100),)
     wrong, noise = np.array([30.0]), np.array([0.001])
@@ -433,9 +431,9 @@ def test_what_would_mislead_a_fit_is_refused(finger):
         replace(data, names=("q.joint1",) * 2, outputs=np.hstack((moving, moving)))
 
 
-def test_one_dropout_does_not_silence_the_step(tmp_path):
+def test_one_dropout_does_not_silence_the_step():
     """A second at rest without samples: half of it once counted as half of every step."""
-    model, data = swings(tmp_path, 2, 0.04, "q.x", 1e-6)
+    model, data = swings(2, 0.04, "q.x", 1e-6)
     several = identification.parameters(model, "stiffness")
     gap = Measurements(
         np.append(-1.0, data.t), np.vstack(([0.0], data.u)), data.names,

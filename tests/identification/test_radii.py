@@ -10,35 +10,22 @@ from softdyn import identification
 from softdyn.identification.parameters import apply_values
 from softdyn.loading import load_text
 from softdyn.validation.identification.trials import Excitation, trial
+from tests.support.robots import build, cable, hinge, motor
 
 # a lever on a hinge, raised by a cable over a pulley, and stretched by one below a pin
-LEVER = """\
-<robot name="lever"><link name="base"/>
-  <link name="arm"><inertial><origin xyz="0.05 0 0"/><mass value="0.1"/>
-    <inertia ixx="1e-5" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="tip"/>
-  <joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
-    <dynamics damping="0.01"/><limit lower="-1" upper="1" effort="9" velocity="9"/></joint>
-  <joint name="end" type="fixed"><parent link="arm"/><child link="tip"/><origin xyz="0.1 0 0"/>
-  </joint>
-  <gazebo reference="hinge"><springStiffness>0.2</springStiffness></gazebo>
-  <softdyn version="1">
-    <tendon name="over"><site link="base" xyz="-0.06 0 0"/>
-      <cylinder link="base" xyz="0 0 0" axis="0 1 0" radius="0.01" side="0 0 0.012"/>
-      <site link="arm" xyz="0.06 0 0"/></tendon>
-    <tendon name="below" stiffness="300"><site link="base" xyz="-0.06 0 0"/>
-      <cylinder link="base" xyz="0 0 0" axis="0 1 0" radius="0.008" side="0 0 -0.02"/>
-      <site link="arm" xyz="0.06 0 0"/></tendon>
-    <actuator name="pull" tendon="over" gear="-1" lower="0" upper="20"/>
-  </softdyn>
-</robot>"""
+PIN = '<cylinder link="base" xyz="0 0 0" axis="0 1 0" radius="{}" side="0 0 {}"/>'
+ENDS = "base -0.06 0 0", "arm 0.06 0 0"
+LEVER = hinge(
+    0.1, "0.05 0 0", "1e-5 1e-4 1e-4", damping=0.01, stiffness=0.2, tip="0.1 0 0",
+    block=cable("over", ENDS[0], PIN.format(0.01, 0.012), ENDS[1])
+    + cable("below", ENDS[0], PIN.format(0.008, -0.02), ENDS[1], stiffness=300)
+    + motor("over", 0, 20, -1, "pull"),
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
-def lever(tmp_path_factory) -> softdyn.SoftModel:
-    path = tmp_path_factory.mktemp("lever") / "lever.urdf"
-    path.write_text(LEVER)
-    return softdyn.load(path)
+def lever() -> softdyn.SoftModel:
+    return build(LEVER)
 
 
 def test_a_pulley_s_radius_is_found_within_its_interval(lever):

@@ -19,6 +19,7 @@ from softdyn.identification.trajectory import Start, follow
 from softdyn.identification.unknowns.sensor_errors import biases, with_biases, without_repeats
 from tests.support import cart
 from tests.support.refused import refused
+from tests.support.robots import cable, load
 
 SENSORS = """
 <sensor name="camera" type="position" link="tip" noise="1e-3" rate="50" latency="{camera}" bias="{bias} 0 0"/>
@@ -32,10 +33,10 @@ READINGS = ("measured.camera.x", "measured.camera.y", "measured.camera.z", "meas
 
 
 def sensed(folder, name="robot.urdf", motor="", stiffness=cart.STIFFNESS, **errors):
-    text = cart.CART.format(stiffness=stiffness, damping=cart.DAMPING, lower=-4, upper=4)
-    text = text.replace('gear="1"', f'gear="1" {motor}')
     errors = dict.fromkeys(TRUE, 0.0) | errors
-    (folder / name).write_text(text.replace("</softdyn>", SENSORS.format(**errors) + "</softdyn>"))
+    text = cart.text(-4, 4, stiffness=stiffness, block=SENSORS.format(**errors))
+    text = text.replace('gear="1"', f'gear="1" {motor}')
+    (folder / name).write_text(text)
     return str(folder / name)
 
 
@@ -200,10 +201,8 @@ def test_a_design_s_sensors(tmp_path, capsys):
 
 def test_the_free_length_of_a_cable_that_slackens(tmp_path):
     """A cart on a soft spring, beside a cable that is taut on one side only."""
-    text = cart.CART.format(stiffness=8, damping=0.3, lower=-4, upper=4)
-    text = text.replace("</softdyn>", """<tendon name="rope" slack="true" stiffness="60"
-        damping="0.5" rest="-0.05"><joint name="x" coef="1"/></tendon></softdyn>""")  # fmt: skip
-    true = cart.load(tmp_path, text)
+    rope = cable("rope", "x 1", slack="true", stiffness=60, damping=0.5, rest=-0.05)
+    true = load(tmp_path, cart.text(-4, 4, block=rope))
     t = 0.01 * np.arange(200)
     knots = np.r_[0, np.random.default_rng(3).uniform(-3, 3, 10)]
     u = np.interp(t, 0.2 * np.arange(11), knots)[:, None]

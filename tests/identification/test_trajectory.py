@@ -99,12 +99,10 @@ def test_dry_friction_is_tanh_1_of_its_size_at_a_hundredth_of_the_range_a_second
     assert friction_of(other).slow == pytest.approx(0.01 * range_)
 
 
-def test_dry_friction_takes_the_same_off_each_swing(tmp_path):
+def test_dry_friction_takes_the_same_off_each_swing():
     """Coulomb friction takes 2 F / k off the amplitude in each half swing, at any amplitude."""
     k, friction = 8.0, 0.08
-    text = cart.CART.replace('"-9" upper="9"', '"-1" upper="1"')
-    one = cart.load(tmp_path, text.format(stiffness=k, damping=0, lower=-9, upper=9))
-    model = rubbing(one, friction)
+    model = rubbing(cart.cart(stiffness=k, damping=0, limit=(-1, 1)), friction)
     t = np.linspace(0, 4 * np.pi * np.sqrt(cart.MASS / k), 401)  # two swings
     start = Start(np.array([0.5]), np.zeros(1), *np.zeros((2, 1, 0)))
     path, _ = follow(model, (), t, np.zeros((401, 1)), start)

@@ -24,12 +24,11 @@ from softdyn.actuation import CommandKind, Winches
 from softdyn.commands import cli
 from softdyn.dynamics import StepError, discrete_step
 from softdyn.dynamics.motors import Motors
-from tests.proof.crosschecks.random_robots import write_robot
-from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support.arms import EVERYTHING, PROJECTIONS, loaded
-from tests.support.micro import FLOATING, write
-from tests.support.steps import differences
-from tests.support.winched import ARM
+from tests.support.random_robots import write_robot
+from tests.support.robots import WALKER, WINCHED, write
+from tests.support.step_differences import differences
+from tests.support.wrapped_robots import wrapped_robot
 
 EPILOG = "exit codes: 0 no step failed; 1 one failed; 2 bad input; 130 interrupted.\n"
 PERIOD = 0.005
@@ -116,9 +115,9 @@ def _violent(folder: Path) -> Iterator[tuple[str, SoftModel]]:
     yield "arm of everything", loaded(EVERYTHING, folder)
     for name, make in PROJECTIONS.items():
         yield name, make(folder)
-    yield "winched arm", softdyn.load(write(folder, ARM))
+    yield "winched arm", softdyn.load(write(folder, WINCHED))
     yield "wrapped arm", softdyn.build(wrapped_robot(3, bodies=2))
-    yield "walker, floating", softdyn.load(write(folder, FLOATING), floating=True)
+    yield "walker, floating", softdyn.load(write(folder, WALKER), floating=True)
 
 
 def _violently(name: str, model: SoftModel, steps: int) -> int:

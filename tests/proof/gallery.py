@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from softdyn import SoftModel
     from softdyn.validation.live.session import Session
-    from tests.proof.film.chromium import Browser
+    from tests.support.browser import Browser
 
 EPILOG = """\
 The commands run in an empty folder, which is deleted afterwards. Each replay goes to --out.
@@ -105,7 +105,7 @@ def command(arguments: cli.Arguments) -> int:
             (out / f"{entry.name}.html").write_text(replay(entry), encoding="utf-8")
             print(out / f"{entry.name}.html", flush=True)
     if arguments.stills is not None:
-        from tests.proof.film.chromium import Browser
+        from tests.support.browser import Browser
 
         with Browser() as browser:
             for name in arguments.only or SHOTS:

@@ -13,12 +13,12 @@ from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.commands import cli
 from softdyn.controllers import CONTROLLERS, find_controller
 from softdyn.validation.tables import Table
-from tests.proof.timing import hostile
 from tests.proof.timing.recording import ROBOTS
+from tests.support import hostile_states
 
 EPILOG = """\
 Every controller gets states and references full of NaN, infinities, huge and denormal numbers,
-singular Jacobians and input matrices (tests/proof/timing/hostile.py), --rounds times each. The
+singular Jacobians and input matrices (tests/support/hostile_states.py), --rounds times each. The
 figure is the processor time of the fastest repetition. A step over 5 ms fails, and so does an
 answer that is not finite or not within bounds.
 
@@ -59,14 +59,18 @@ def command(arguments: cli.Arguments) -> int:
 
 def cases(model: SoftModel) -> Iterator[tuple[str, State, Reference]]:
     """(name, state, reference) of an ordinary call, then of every hostile one."""
-    found = dict(hostile.states(model))
+    found = dict(hostile_states.states(model))
     good, rest = found["inside, v ~ 1"], found["inside, at rest"]
     goal = SetPoint(good.y + 0.01)
     yield "ordinary", good, goal
     yield "target at the tip, at rest", rest, SetPoint(rest.y)
-    for name, state in (*found.items(), *hostile.forged(good), *hostile.degenerate(good)):
+    for name, state in (
+        *found.items(),
+        *hostile_states.forged(good),
+        *hostile_states.degenerate(good),
+    ):
         yield name, state, goal
-    for name, reference in hostile.references().items():
+    for name, reference in hostile_states.references().items():
         yield name, good, reference
 
 

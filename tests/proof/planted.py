@@ -21,9 +21,9 @@ from softdyn.validation.mjcf.comparison.comparison import compare
 from softdyn.validation.mjcf.comparison.result import Cause
 from softdyn.validation.mjcf.comparison.side import neutral
 from softdyn.validation.mjcf.to_mjcf import to_mjcf
-from tests.proof.crosschecks.random_robots import random_urdf
 from tests.support import defects
-from tests.support.other_hand import other_hand
+from tests.support.random_robots import random_urdf
+from tests.support.turned_frames import other_hand
 
 EPILOG = """\
 Random robots are written as a URDF, as an MJCF, and as a second URDF with turned link frames. One

@@ -34,7 +34,7 @@ def command(arguments: cli.Arguments) -> int:
     """Run all faults, one after the other."""
     import numpy as np
 
-    from tests.support.faulty import CAUSES, CODES, END, FALLING, StoppedBefore, fault
+    from tests.support.rig_processes import CAUSES, CODES, END, FALLING, StoppedBefore, fault
 
     period = arguments.period
     times = np.random.default_rng(arguments.seed).uniform(SOONEST, LATEST, len(CAUSES))

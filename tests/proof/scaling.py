@@ -8,7 +8,7 @@ from softdyn.commands import cli
 
 ROUNDS = 20
 EPILOG = """\
-Soft ID-CLF-QP runs on serial chains (tests/proof/timing/chains.py), all in turn.
+Soft ID-CLF-QP runs on serial chains (tests/support/long_chains.py), all in turn.
 
 exit codes: 0 done; 2 bad input.
 """

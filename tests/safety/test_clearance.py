@@ -23,15 +23,14 @@ from softdyn.safety.solids import Cores, Solid, ball, box, half_space
 from softdyn.validation import StateMap, Twin
 from tests.support.control_cases import robot
 from tests.support.refused import refused
+from tests.support.robots import hinge
 
 PHALANX = Path(softdyn.__file__).parent / "robots/meshes/phalanx.stl"
-MESHED = """<robot name="meshed"><link name="world"/><link name="bone"><inertial>
-<origin xyz="0.03 0 0"/><mass value="0.1"/>
-<inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial>
-<visual><origin xyz="0.01 0 0.02" rpy="0.3 0.2 0.1"/><geometry><mesh filename="phalanx.stl"
-scale="0.06 0.01 0.02"/></geometry></visual></link>
-<joint name="turn" type="revolute"><parent link="world"/><child link="bone"/><axis xyz="0 1 1"/>
-<limit lower="-2" upper="2" effort="1" velocity="1"/></joint></robot>"""
+SKIN = """<visual><origin xyz="0.01 0 0.02" rpy="0.3 0.2 0.1"/><geometry><mesh
+filename="phalanx.stl" scale="0.06 0.01 0.02"/></geometry></visual>"""
+MESHED = hinge(
+    0.1, "0.03 0 0", 1e-4, child="bone", called="meshed", axis="0 1 1", limit=(-2, 2), body=SKIN
+)
 FAR = 9.0  # m: every pair has a row
 
 

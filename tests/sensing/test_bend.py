@@ -23,7 +23,9 @@ from softdyn.sensing import Sensors
 from softdyn.validation import Log, Rig, Twin, rollout
 from softdyn.validation.twin.readings import Readings
 from softdyn.validation.twin.state_map import StateMap
+from tests.support import robots
 from tests.support.refused import refused
+from tests.support.robots import hinge, write
 
 BEND = SensorKind.BEND
 ABOUT_Y = (-math.pi / 2, 0.0, 0.0)  # the sensor's z axis along the link's y axis
@@ -108,25 +110,15 @@ def test_an_observer_sees_a_finger_by_flex_sensors_alone() -> None:
     assert found.tip < 0.01
 
 
-FLEX = """<sensor name="flex" type="bend" link="world" to="tip" rpy="0 0 0" noise="1e-3"
-bias="{bias}" latency="0.02" rate="100" lower="-2" upper="2"/>"""
-PENDULUM = """<robot name="pendulum"><link name="world"/>
-<link name="rod"><inertial><origin xyz="0.2 0 0"/><mass value="0.5"/>
-<inertia ixx="1e-3" ixy="0" ixz="0" iyy="4e-3" iyz="0" izz="4e-3"/></inertial></link>
-<link name="tip"/><joint name="end" type="fixed"><parent link="rod"/><child link="tip"/>
-<origin xyz="0.4 0 0"/></joint>
-<joint name="hinge" type="revolute"><parent link="world"/><child link="rod"/><axis xyz="0 0 1"/>
-<dynamics damping="0.02"/><limit lower="-2" upper="2" effort="9" velocity="9"/></joint>
-<gazebo reference="hinge"><springStiffness>{stiffness}</springStiffness></gazebo>
-<softdyn version="1"><tendon name="t"><joint name="hinge" coef="1"/></tendon>
-<actuator name="u" tendon="t" gear="0.1" lower="-9" upper="9"/>FLEX<task frame="tip"/>
-</softdyn></robot>""".replace("FLEX", FLEX)
+FLEX = """<sensor name="flex" type="bend" link="base" to="tip" rpy="0 0 0" noise="1e-3"
+bias="{}" latency="0.02" rate="100" lower="-2" upper="2"/><task frame="tip"/>"""
 
 
 def pendulum(folder, name="pendulum.urdf", stiffness=0.8, bias=0.0):
-    path = folder / name
-    path.write_text(PENDULUM.format(stiffness=stiffness, bias=bias), encoding="utf-8")
-    return path
+    return write(folder, hinge(
+        0.5, "0.2 0 0", "1e-3 4e-3 4e-3", axis="0 0 1", limit=(-2, 2), damping=0.02,
+        stiffness=stiffness, tip="0.4 0 0", pull=(-9, 9), gear=0.1, block=FLEX.format(bias),
+    ), name)  # fmt: skip
 
 
 def test_a_fit_finds_a_spring_and_the_bias_of_a_flex_sensor(tmp_path, capsys) -> None:
@@ -172,8 +164,7 @@ def test_readings_that_jump_by_a_turn_are_refused(tmp_path) -> None:
 
 def test_a_written_robot_has_the_same_sensor(tmp_path) -> None:
     robot = softdyn.load(pendulum(tmp_path)).robot
-    again = tmp_path / "again.urdf"
-    again.write_text(as_urdf(robot), encoding="utf-8")
+    again = robots.write(tmp_path, as_urdf(robot))
     assert softdyn.load(again).robot.sensors == robot.sensors
     assert robot.sensors[0].to == "tip"
     assert "to=" not in repr(replace(robot.sensors[0], to=""))  # digests of robots without stay

@@ -17,13 +17,13 @@ from softdyn.actuation import Winches
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.dynamics.projection import underlying_tree
 from softdyn.sensing import Sensors
-from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
-from tests.support.cart import CART, load
-from tests.support.micro import FLOATING, GRIPPER, write
+from tests.support.cart import cart
 from tests.support.oracles import relative
+from tests.support.random_robots import write_robot
 from tests.support.refused import refused
-from tests.support.rigged import measured, wound
+from tests.support.rigs import measured, wound
+from tests.support.robots import GRIPPER, WALKER, write
 
 BAR = 1e-7
 SEEDS = (1, 12, 16, 19, 23)
@@ -36,7 +36,7 @@ def model(request, tmp_path) -> SoftModel:
     if which in PROJECTIONS:
         return measured(PROJECTIONS[which](tmp_path))
     if isinstance(which, str) and "floating" in which:
-        text = FLOATING if which == "floating" else GRIPPER
+        text = WALKER if which == "floating" else GRIPPER
         return measured(softdyn.load(write(tmp_path, text), floating=True))
     return measured(softdyn.load(write_robot(which, tmp_path) if isinstance(which, int) else which))
 
@@ -224,7 +224,7 @@ def test_copies(model):
 
 
 def test_an_angle_s_error_is_the_short_way(tmp_path):
-    model = measured(softdyn.load(write(tmp_path, FLOATING), floating=True))
+    model = measured(softdyn.load(write(tmp_path, WALKER), floating=True))
     names = model.joint_names
     turned = np.zeros(model.nv)
     turned[names.index("jz")] = 3.1
@@ -237,9 +237,9 @@ def test_an_angle_s_error_is_the_short_way(tmp_path):
     assert again[k] == pytest.approx(-3.1)
 
 
-def test_a_cart_by_hand(tmp_path):
+def test_a_cart_by_hand():
     """m ẍ = u - k x - d ẋ; an accelerometer on its side reads ẍ and +g upwards."""
-    robot = load(tmp_path, CART.format(damping=0.3, stiffness=8.0, lower=-9, upper=9)).robot
+    robot = cart().robot
     sensors = (
         Sensor("imu", KIND.ACCELEROMETER, link="body", rpy=(math.pi / 2, 0.0, 0.0)),
         Sensor("gyro", KIND.GYRO, link="body"),

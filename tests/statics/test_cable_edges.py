@@ -4,28 +4,20 @@ from __future__ import annotations
 
 import math
 import re
-from pathlib import Path
 
 import pytest
 
-from softdyn.loading import load_text
 from softdyn.statics.cable_edges import cable_edges
+from tests.support.robots import build, cable, hinge
 
 # a cable from the base over a pin at the hinge to a crank
-CRANK = """\
-<robot name="crank"><link name="base"/>
-  <link name="arm"><inertial><mass value="1"/>
-    <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/>
-    <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
-  <softdyn version="1"><tendon name="cable"><site link="base" xyz="-0.1 0 0.02"/>
-    <cylinder link="base" xyz="0 0 0" axis="0 1 0" radius="0.03"/>
-    <site link="arm" xyz="0.1 0 0.02"/></tendon></softdyn>
-</robot>"""
+PIN = '<cylinder link="base" xyz="0 0 0" axis="0 1 0" radius="0.03"/>'
+PATH = "base -0.1 0 0.02", PIN, "arm 0.1 0 0.02"
+CRANK = hinge(1, None, 0.01, limit=(-2, 2), block=cable("cable", *PATH))
 
 
 def edges(text: str) -> list[tuple[str, float]]:
-    found = cable_edges(load_text(text, path=Path("crank.urdf")))
+    found = cable_edges(build(text))
     lines = [line for line in found if line.startswith("tendon 'cable'")]
     return [(line.split("the")[0], float(re.findall(r"= ([-.\d]+)", line)[0])) for line in lines]
 

@@ -14,7 +14,7 @@ import pytest
 from scipy.linalg import eigvalsh
 
 import softdyn
-from softdyn import SoftModel, UrdfError, design, parse
+from softdyn import UrdfError, design, parse
 from softdyn.commands import check
 from softdyn.loading import load_text
 from softdyn.statics import diagnose, rest, zero_dynamics
@@ -27,40 +27,27 @@ from softdyn.statics.suspicious_values import (
 )
 from softdyn.statics.zero_dynamics import examine, find_boundary, sample_poses
 from softdyn.validation import Twin
-from tests.support import CORPUS
+from tests.support import CORPUS, robots
 from tests.support.arms import THREE_SECTIONS
 from tests.support.control_cases import robot
-from tests.support.micro import FLOATING, SOLID, write
 from tests.support.refused import refused
+from tests.support.robots import WALKER, build, write
 
 MASS, LEVER, STIFFNESS, G = 0.3, 0.2, 0.7, 9.81
 
 
 def links(count: int, up: bool, stiffness: float, actuated: tuple[int, ...] = ()) -> str:
     """A chain of point masses on hinges, hanging or standing, with springs and some motors."""
-    sign = 1 if up else -1
-    parts = ['<robot name="chain"><link name="l0"/>']
+    sign, parts = 1 if up else -1, [robots.link("l0")]
     for i in range(1, count + 1):
-        parts.append(
-            f'<link name="l{i}"><inertial><origin xyz="0 0 {sign * LEVER}"/><mass value="{MASS}"/>'
-            f'<inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link>'
-            f'<joint name="j{i}" type="revolute"><parent link="l{i - 1}"/><child link="l{i}"/>'
-            f'<origin xyz="0 0 {sign * LEVER * (i > 1)}"/><axis xyz="0 1 0"/>'
-            f'<limit lower="-3" upper="3" effort="1" velocity="1"/>'
-            f'<dynamics damping="0.1" stiffness="{stiffness}"/></joint>'
-        )
-    parts.append('<softdyn version="1">')
-    for i in actuated:
-        parts.append(f'<tendon name="t{i}"><joint name="j{i}" coef="1"/></tendon>')
-    for i in actuated:
-        parts.append(f'<actuator name="u{i}" tendon="t{i}" lower="-1" upper="1"/>')
-    return "".join(parts) + "</softdyn></robot>"
-
-
-def load(folder: Path, text: str) -> SoftModel:
-    path = folder / "chain.urdf"
-    path.write_text(text)
-    return softdyn.load(path)
+        parts.append(robots.link(f"l{i}", MASS, f"0 0 {sign * LEVER}", 0))
+        parts.append(robots.joint(
+            f"j{i}", f"l{i - 1}", f"l{i}", at=f"0 0 {sign * LEVER * (i > 1)}", limit=(-3, 3),
+            damping=0.1, stiffness=stiffness,
+        ))  # fmt: skip
+    cables = [robots.cable(f"t{i}", f"j{i} 1") for i in actuated]
+    motors = [robots.motor(f"t{i}", name=f"u{i}") for i in actuated]
+    return robots.robot("chain", *parts, block=cables + motors)
 
 
 # -- stiffness against gravity -------------------------------------------------------------------
@@ -68,9 +55,9 @@ def load(folder: Path, text: str) -> SoftModel:
 
 @pytest.mark.parametrize("up", [False, True])
 @pytest.mark.parametrize("angle", [0.0, 0.4, -1.3, 2.9])
-def test_one_pendulum(up: bool, angle: float, tmp_path: Path) -> None:
+def test_one_pendulum(up: bool, angle: float) -> None:
     # ∂(K + g)/∂q = k ± m g l cos q, minus for an inverted one
-    pose = examine(load(tmp_path, links(1, up, STIFFNESS)), np.array([angle]))
+    pose = examine(build(links(1, up, STIFFNESS)), np.array([angle]))
     gravity = (1 if up else -1) * MASS * G * LEVER * math.cos(angle)
     np.testing.assert_allclose(pose.stiffness, [STIFFNESS - gravity], rtol=1e-12)
     np.testing.assert_allclose(pose.gravity, [gravity], rtol=1e-12)
@@ -78,32 +65,32 @@ def test_one_pendulum(up: bool, angle: float, tmp_path: Path) -> None:
     assert (pose.rank, pose.dominates) == (0, gravity < STIFFNESS)
 
 
-def test_the_critical_stiffness_of_an_inverted_pendulum_is_m_g_l(tmp_path: Path) -> None:
+def test_the_critical_stiffness_of_an_inverted_pendulum_is_m_g_l() -> None:
     for factor, stands in ((0.999, False), (1.001, True)):
-        model = load(tmp_path, links(1, True, factor * MASS * G * LEVER))
+        model = build(links(1, True, factor * MASS * G * LEVER))
         assert examine(model, np.zeros(1)).dominates is stands
 
 
-def test_a_motor_takes_its_direction_out(tmp_path: Path) -> None:
+def test_a_motor_takes_its_direction_out() -> None:
     # two inverted links with a motor at the first joint: ∂g₂/∂q₂ = -m g l cos(q₁ + q₂) remains
-    model = load(tmp_path, links(2, True, STIFFNESS, actuated=(1,)))
+    model = build(links(2, True, STIFFNESS, actuated=(1,)))
     pose = examine(model, np.array([0.3, -0.8]))
     assert pose.rank == 1
     np.testing.assert_allclose(np.abs(pose.unactuated), [[0.0, 1.0]], atol=1e-12)
     gravity = MASS * G * LEVER * math.cos(-0.5)
     np.testing.assert_allclose(pose.stiffness, [STIFFNESS - gravity], rtol=1e-12)
-    both = examine(load(tmp_path, links(2, True, STIFFNESS)), np.zeros(2))
+    both = examine(build(links(2, True, STIFFNESS)), np.zeros(2))
     G2 = MASS * G * LEVER * np.array([[3.0, 1.0], [1.0, 1.0]])  # of two masses, by hand
     np.testing.assert_allclose(both.gravity, np.linalg.eigvalsh(G2)[::-1], rtol=1e-9)  # falling
     np.testing.assert_allclose(both.stiffness, STIFFNESS - np.linalg.eigvalsh(G2)[::-1], rtol=1e-9)
-    full = examine(load(tmp_path, links(2, True, 0.0, actuated=(1, 2))), np.zeros(2))
+    full = examine(build(links(2, True, 0.0, actuated=(1, 2))), np.zeros(2))
     assert (full.rank, full.stiffness.size, full.dominates) == (2, 0, True)
 
 
-def test_where_gravity_begins_to_win(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_gravity_begins_to_win(monkeypatch: pytest.MonkeyPatch) -> None:
     # hanging at 0; gravity exceeds its spring beyond cos q = -k / m g l
     stiffness = 0.5 * MASS * G * LEVER
-    model = load(tmp_path, links(1, False, stiffness))
+    model = build(links(1, False, stiffness))
     weak = examine(model, np.array([3.0]), "up")
     assert not weak.dominates
     limit = find_boundary(model, weak)
@@ -121,7 +108,7 @@ def test_where_gravity_begins_to_win(tmp_path: Path, monkeypatch: pytest.MonkeyP
         assert 0 <= share * 3.0 - math.acos(-0.5) <= 3.0 * resolution
         assert len(looked) == 1 + math.ceil(-math.log2(resolution))  # in halves
     assert find_boundary(model, examine(model, np.array([0.1]))) is None
-    inverted = load(tmp_path, links(1, True, stiffness))
+    inverted = build(links(1, True, stiffness))
     assert find_boundary(inverted, examine(inverted, np.array([0.1]))) is None
 
 
@@ -140,9 +127,9 @@ def test_rank_drops_where_three_cables_meet() -> None:
     assert "fewer at 3 of 9 poses" in str(found)
 
 
-def test_poses_where_gravity_wins_are_counted(tmp_path: Path) -> None:
+def test_poses_where_gravity_wins_are_counted() -> None:
     limit = 0.5 * MASS * G * LEVER
-    found = diagnose(load(tmp_path, links(1, True, limit)), 20)
+    found = diagnose(build(links(1, True, limit)), 20)
     # an inverted one's gravity exceeds its spring within arccos k / m g l
     falls = [abs(pose.coordinates[0]) < math.pi / 3 for pose in found.poses]
     assert 0 < sum(falls) < len(falls)
@@ -151,11 +138,11 @@ def test_poses_where_gravity_wins_are_counted(tmp_path: Path) -> None:
     assert f"gravity wins at {sum(falls)} of {len(falls)} poses" in str(found)
 
 
-def test_where_the_robot_rests_is_said(tmp_path: Path) -> None:
-    found = diagnose(load(tmp_path, links(1, True, 2 * MASS * G * LEVER)), 1)
+def test_where_the_robot_rests_is_said() -> None:
+    found = diagnose(build(links(1, True, 2 * MASS * G * LEVER)), 1)
     assert "rests with its tip at 0.0000 0.0000 0.0000 m under no input" in str(found)
     assert found.to_dict()["equilibrium"] == {"u": [], "tip": [0.0, 0.0, 0.0], "stable": True}
-    model = load(tmp_path, links(2, True, 0.5 * MASS * G * LEVER, actuated=(1,)))
+    model = build(links(2, True, 0.5 * MASS * G * LEVER, actuated=(1,)))
     found, there = diagnose(model, 1).to_dict()["equilibrium"], rest(model)
     assert abs(there.y[0]) > 0.1  # it falls to one side
     np.testing.assert_allclose(found["tip"], there.y)
@@ -166,13 +153,13 @@ def test_where_the_robot_rests_is_said(tmp_path: Path) -> None:
         .replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 1"/>')
         .replace("stiffness", "friction")
     )
-    found = diagnose(load(tmp_path, slide), 1)
+    found = diagnose(build(slide), 1)
     there = found.to_dict()["equilibrium"]
     assert there["stable"]
     assert there["tip"] == pytest.approx([0.0, 0.0, -3.0])
 
 
-def test_not_all_is_well_with_a_robot_that_nothing_stops(tmp_path: Path) -> None:
+def test_not_all_is_well_with_a_robot_that_nothing_stops() -> None:
     wheel = (
         links(1, False, STIFFNESS, actuated=(1,))
         .replace('"revolute"', '"continuous"')
@@ -183,7 +170,7 @@ def test_not_all_is_well_with_a_robot_that_nothing_stops(tmp_path: Path) -> None
         .replace('izz="0"', 'izz="1e-3"')
         .replace('lower="-1" upper="1"/>', 'lower="0.5" upper="1"/>')
     )
-    found = diagnose(load(tmp_path, wheel), 1)
+    found = diagnose(build(wheel), 1)
     assert found.to_dict()["equilibrium"] is None
     assert "NO equilibrium was found" in str(found)
     assert "nothing looks wrong" not in str(found)
@@ -196,8 +183,8 @@ def test_a_robot_with_mimic_joints_is_examined_in_its_free_coordinates(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """q₂ = q₁ / 2 + 0.2 of a double pendulum with equal springs: k (1 + 1/4), and two weights."""
-    text = links(2, False, STIFFNESS).replace('<softdyn version="1"></softdyn>', "")
-    model = load(tmp_path, text.replace("</joint></robot>", FOLLOWS))
+    path = write(tmp_path, links(2, False, STIFFNESS).replace("</joint></robot>", FOLLOWS))
+    model = softdyn.load(path)
     found = diagnose(model, 3)
     # U = -m g l (2 cos q₁ + cos(1.5 q₁ + 0.2))
     gravity = MASS * G * LEVER * (2 + 1.5**2 * math.cos(0.2))
@@ -210,26 +197,25 @@ def test_a_robot_with_mimic_joints_is_examined_in_its_free_coordinates(
     q = found.equilibrium.q[0]
     weight = MASS * G * LEVER * (2 * math.sin(q) + 1.5 * math.sin(1.5 * q + 0.2))
     assert weight + STIFFNESS * (1.25 * q + 0.1) == pytest.approx(0, abs=1e-8)
-    assert check.main([str(tmp_path / "chain.urdf")]) == 0
+    assert check.main([str(path)]) == 0
     assert "nothing looks wrong" in capsys.readouterr().out
 
 
-def test_doubts_about_followers_are_doubts_about_their_leaders(tmp_path: Path) -> None:
+def test_doubts_about_followers_are_doubts_about_their_leaders() -> None:
     """Limits of a follower are not used, and its leader's damper damps its spring."""
-    text = links(2, False, STIFFNESS).replace('<softdyn version="1"></softdyn>', "")
-    text = text.replace("</joint></robot>", FOLLOWS)
+    text = links(2, False, STIFFNESS).replace("</joint></robot>", FOLLOWS)
     j2 = text.index('<joint name="j2"')
     ending = text[j2:].replace('lower="-3" upper="3"', 'lower="1" upper="1"')
     ending = ending.replace('damping="0.1"', "")
-    assert suspicious_values(load(tmp_path, text[:j2] + ending).robot) == ()
-    loose = suspicious_values(load(tmp_path, text.replace('damping="0.1"', "")).robot)
+    assert suspicious_values(build(text[:j2] + ending).robot) == ()
+    loose = suspicious_values(build(text.replace('damping="0.1"', "")).robot)
     assert [line.partition(" has a spring and no damping")[0] for line in loose] == [
         "joint 'j1'", "joint 'j2'",
     ]  # fmt: skip
 
 
 def test_a_floating_base_is_held(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = write(tmp_path, FLOATING)
+    path = write(tmp_path, WALKER)
     floating, fixed = (diagnose(softdyn.load(path, floating=free), 4) for free in (True, False))
     said, known = floating.to_dict(), fixed.to_dict()
     assert said["floating"]
@@ -244,7 +230,7 @@ def test_a_floating_base_is_held(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_a_free_body_without_joints_is_checked_as_far_as_it_can_be(tmp_path: Path) -> None:
-    path = write(tmp_path, f'<robot name="stone"><link name="a">{SOLID}</link></robot>')
+    path = write(tmp_path, robots.robot("stone", robots.solids("a")))
     found = diagnose(softdyn.load(path, floating=True), 4)
     assert "no joint moves then, so no poses" in str(found)
     assert (found.poses, found.equilibrium, found.doubts) == ((), None, ())
@@ -288,8 +274,7 @@ DOUBTS = [
 
 @pytest.mark.parametrize(("change", "doubt"), DOUBTS, ids=[doubt for _, doubt in DOUBTS])
 def test_what_looks_wrong_is_named(change: tuple[str, str], doubt: str, tmp_path: Path) -> None:
-    path = tmp_path / "gripper.urdf"
-    path.write_text(SOUND)
+    path = robots.write(tmp_path, SOUND)
     assert suspicious_values(parse(path)) == ()
     assert SOUND.count(change[0]) == 1
     path.write_text(SOUND.replace(*change))
@@ -297,47 +282,39 @@ def test_what_looks_wrong_is_named(change: tuple[str, str], doubt: str, tmp_path
     assert any(doubt in text for text in found), found
 
 
-def test_a_robot_of_no_length_has_no_size(tmp_path: Path) -> None:
+def test_a_robot_of_no_length_has_no_size() -> None:
     """Its tip is at the base; if a joint slides, it moves nevertheless."""
-    robot = load(tmp_path, links(1, False, STIFFNESS)).robot
+    robot = build(links(1, False, STIFFNESS)).robot
     assert robot.length == 0
     (doubt,) = suspicious_values(robot)
     assert doubt.startswith("the tip 'l1' sits at the base, no joint offset is on the way to it")
     slides = links(1, False, STIFFNESS).replace("revolute", "prismatic").replace('"3"', '"0.3"')
-    assert suspicious_values(load(tmp_path, slides.replace('"-3"', '"-0.3"')).robot) == ()
+    assert suspicious_values(build(slides.replace('"-3"', '"-0.3"')).robot) == ()
 
 
-def test_how_dense_a_body_may_be(tmp_path: Path) -> None:
+def test_how_dense_a_body_may_be() -> None:
     """A solid ball of density ρ has ρ = m / (4/3 π r³) and moments 2/5 m r²."""
-    ball = '<mass value="{}"/><inertia ixx="{}" iyy="{}" izz="{}" ixy="0" ixz="0" iyz="0"/>'
-    path = tmp_path / "chain.urdf"
     for density, wrong in ((0.96, True), (1.04, False), (24_000.0, False), (26_000.0, True)):
         mass = density * 4 / 3 * math.pi * 0.05**3
-        moment = 0.4 * mass * 0.05**2
         text = links(1, False, STIFFNESS)
-        start, end = text.index("<mass"), text.index("</inertial>")
-        path.write_text(text[:start] + ball.format(mass, *[moment] * 3) + text[end:])
-        assert any("kg/m³" in found for found in suspicious_values(parse(path))) is wrong, density
+        start, end = text.index("<inertial>"), text.index("</link>", text.index("<inertial>"))
+        ball = robots.inertial(mass, f"0 0 {-LEVER}", 0.4 * mass * 0.05**2)
+        text = text[:start] + ball + text[end:]
+        doubts = suspicious_values(build(text).robot)
+        assert any("kg/m³" in found for found in doubts) is wrong, density
 
 
-def test_a_robot_whose_tip_is_its_only_joint_has_no_length(tmp_path: Path) -> None:
+def test_a_robot_whose_tip_is_its_only_joint_has_no_length() -> None:
     """The body's centre tells its size, so that its inertia is not called too wide."""
-    path = tmp_path / "one.urdf"
-    text = (
-        '<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 {}"/>'
-        '<mass value="0.2"/><inertia ixx="{}" iyy="{}" izz="{}" ixy="0" ixz="0" iyz="0"/>'
-        '</inertial></link><joint name="hinge" type="revolute"><parent link="base"/>'
-        '<child link="arm"/><axis xyz="0 1 0"/>'
-        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
-    )
-    for com, moment in ((-0.1, 1e-4), (0, 1e-4)):
-        path.write_text(text.format(com, *[moment] * 3))
-        (line,) = suspicious_values(parse(path))
+
+    def doubts(com: float, moment: float) -> tuple[str, ...]:
+        return suspicious_values(build(robots.hinge(0.2, f"0 0 {com}", moment)).robot)
+
+    for com in (-0.1, 0):
+        (line,) = doubts(com, 1e-4)
         assert line.startswith("the tip 'arm' sits at the base, no joint offset is on the way")
-    path.write_text(text.format(-0.1, *[0.2] * 3))
-    assert any("the robot is 0.1 m long" in line for line in suspicious_values(parse(path)))
-    path.write_text(text.format(-100, *[1e-4] * 3))
-    assert any("100 m away from its joint" in line for line in suspicious_values(parse(path)))
+    assert any("the robot is 0.1 m long" in line for line in doubts(-0.1, 0.2))
+    assert any("100 m away from its joint" in line for line in doubts(-100, 1e-4))
 
 
 @pytest.mark.parametrize("name", softdyn.bundled_names())
@@ -359,22 +336,22 @@ def test_springs_pulls_and_weight_that_do_not_fit_each_other() -> None:
     assert pulls[0].startswith(f"actuator {strong[0].name!r}: its full pull bends the arm by ")
 
 
-def test_an_arm_without_inputs_that_gravity_overcomes_everywhere(tmp_path: Path) -> None:
+def test_an_arm_without_inputs_that_gravity_overcomes_everywhere() -> None:
     text = links(1, True, 1e-3).replace('lower="-3" upper="3"', 'lower="-1" upper="1"')
-    doubts = diagnose(load(tmp_path, text), 3).doubts
+    doubts = diagnose(build(text), 3).doubts
     assert any("gravity wins at all 6 poses, and no input holds" in line for line in doubts)
-    hangs = diagnose(load(tmp_path, links(2, False, STIFFNESS)), 3).doubts
+    hangs = diagnose(build(links(2, False, STIFFNESS)), 3).doubts
     assert not any("gravity wins" in line for line in hangs)
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.1, 5.0])
 @pytest.mark.parametrize("share", [0.99, 1.01])
-def test_a_spring_too_fast_for_the_plant(share: float, damping: float, tmp_path: Path) -> None:
+def test_a_spring_too_fast_for_the_plant(share: float, damping: float) -> None:
     """k h² reaches 4 m l² + 2 h d, where MuJoCo's own step of 0.5 ms starts to grow."""
     h = 5e-4
     bound = (4 * MASS * LEVER**2 + 2 * h * damping) / h**2
     text = links(1, False, share * bound).replace('damping="0.1"', f'damping="{damping}"')
-    model = load(tmp_path, text)
+    model = build(text)
     found = diagnose(model, 1).doubts
     assert any("too fast for plant steps of 0.0005 s" in line for line in found) is (share > 1)
     twin = Twin(model, timestep=h, limits=False)
@@ -385,7 +362,7 @@ def test_a_spring_too_fast_for_the_plant(share: float, damping: float, tmp_path:
 
 
 @pytest.mark.parametrize("segments", [5, 25])
-def test_an_arm_of_many_segments_that_its_damping_calms(segments: int, tmp_path: Path) -> None:
+def test_an_arm_of_many_segments_that_its_damping_calms(segments: int) -> None:
     """Its fastest mode is beyond an explicit step, and MuJoCo's damping is implicit."""
     model = load_text(
         design.read(tomllib.loads(MAST.format(modulus=2.0, segments=segments))).text,
@@ -424,7 +401,7 @@ max_tension_N = 2
 
 
 @pytest.mark.parametrize("share", [0.95, 1.05])
-def test_an_upright_rod_that_falls_under_its_own_weight(share: float, tmp_path: Path) -> None:
+def test_an_upright_rod_that_falls_under_its_own_weight(share: float) -> None:
     """Greenhill (1881): a rod of length L, radius r stands if E > 4 ρ g L³ / (7.8373 r²)."""
     critical = 4 * 1100 * 9.81 * 0.3**3 / (7.8373 * 0.01**2) / 1e6
     text = design.read(tomllib.loads(MAST.format(modulus=share * critical, segments=12))).text
@@ -438,10 +415,10 @@ def test_an_upright_rod_that_falls_under_its_own_weight(share: float, tmp_path: 
     assert bool(abs(found.equilibrium.y[:2]).max() > 0.01) is (share < 1)
 
 
-def test_a_motor_that_has_to_hold_a_pendulum_up(tmp_path: Path) -> None:
+def test_a_motor_that_has_to_hold_a_pendulum_up() -> None:
     """Two inverted links, ∂(K + g)/∂q = k - m g l [[3, 1], [1, 1]] over all directions."""
     lean = links(2, True, 1.4, actuated=(1,))
-    found = diagnose(load(tmp_path, lean), 2)
+    found = diagnose(build(lean), 2)
     least = 1.4 - MASS * G * LEVER * (2 + math.sqrt(2))
     assert found.least == pytest.approx(least)
     assert found.falls
@@ -449,10 +426,10 @@ def test_a_motor_that_has_to_hold_a_pendulum_up(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("share", [0.9, 1.1])
-def test_a_robot_below_mujocos_floor_is_named(share: float, tmp_path: Path) -> None:
+def test_a_robot_below_mujocos_floor_is_named(share: float) -> None:
     """MuJoCo calls an inertia m l² below 1e-15 kg m² singular."""
     assert mujoco.mjMINVAL == FLOOR
-    model = load(tmp_path, links(1, False, STIFFNESS).replace(
+    model = build(links(1, False, STIFFNESS).replace(
         f'mass value="{MASS}"', f'mass value="{share * FLOOR / LEVER**2}"'))  # fmt: skip
     (note,) = diagnose(model, 1).notes or ("",)
     assert ("1e-15" in note and "'j1'" in note) is (share < 1)
@@ -464,16 +441,15 @@ def test_a_robot_below_mujocos_floor_is_named(share: float, tmp_path: Path) -> N
 
 def test_a_body_below_mujocos_floor_is_named(tmp_path: Path) -> None:
     text = '"1e-7" ixy="0" ixz="0" iyy="1e-7" iyz="0" izz="1e-7"'
-    path = tmp_path / "gripper.urdf"
-    path.write_text(SOUND.replace(text, text.replace("1e-7", "1e-17")))
+    path = robots.write(tmp_path, SOUND.replace(text, text.replace("1e-7", "1e-17")))
     notes = diagnose(softdyn.load(path), 1).notes
     assert any("1e-17 kg m²" in note for note in notes)
 
 
-def test_what_no_spring_holds_and_no_actuator_pulls(tmp_path: Path) -> None:
-    soft = load(tmp_path, links(2, False, STIFFNESS, actuated=(1,))).robot
+def test_what_no_spring_holds_and_no_actuator_pulls() -> None:
+    soft = build(links(2, False, STIFFNESS, actuated=(1,))).robot
     assert not [x for x in suspicious_values(soft) if "springs" in x or "tendon" in x]
-    bare = load(tmp_path, links(2, False, 0.0, actuated=(1,))).robot
+    bare = build(links(2, False, 0.0, actuated=(1,))).robot
     (line,) = [x for x in suspicious_values(bare) if "springs" in x]
     assert line.startswith("no springs at all: ")
     assert "--annotations" in line
@@ -517,8 +493,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert "2 inputs move 2 of 4 directions" in text
     assert "stiffness dominates" in text
     assert "nothing looks wrong" in text
-    path = tmp_path / "chain.urdf"
-    path.write_text(links(2, True, STIFFNESS, actuated=(1,)))
+    path = robots.write(tmp_path, links(2, True, STIFFNESS, actuated=(1,)), "chain.urdf")
     assert check.main([str(path), "--json", "-"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert (report["nv"], report["nu"], report["rank"], report["unactuated"]) == (2, 1, 1, 1)

@@ -13,9 +13,9 @@ import softdyn
 from softdyn import statics
 from softdyn.actuation import Capstan
 from softdyn.description.robot import JointTerm, Tendon
+from tests.support.cable_chains import chain, pulled
 from tests.support.command import command
 from tests.support.refused import refused
-from tests.support.rubbing import chain, pulled
 
 ARM, STIFFNESS, MU = 0.01, 0.05, 0.3
 

@@ -18,40 +18,31 @@ from softdyn.commands import statics as command
 from softdyn.statics.equilibria import _newton
 from softdyn.validation.crosschecks.rests import hold
 from softdyn.validation.report import statics_figure
-from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.oracles import gradient, relative
+from tests.support.random_robots import write_robot
 from tests.support.refused import refused
+from tests.support.robots import build, cable, hinge, joint, link, motor, robot, slide, write
 
 G = 9.81
 STIFFNESS = 0.5
-PENDULUM = """<robot name="pendulum"><link name="world"/><link name="rod"><inertial>
-<origin xyz="0 0 {height}"/><mass value="1"/>
-<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="tip"/><joint name="tip" type="fixed"><parent link="rod"/><child link="tip"/>
-<origin xyz="0 0 {height}"/></joint>
-<joint name="j" type="revolute"><parent link="world"/><child link="rod"/><axis xyz="0 1 0"/>
-<limit lower="-1" upper="2" effort="1" velocity="1"/>
-<dynamics damping="0.05" stiffness="{stiffness}"/></joint>
-<softdyn version="1"><tendon name="t"><joint name="j" coef="1"/></tendon>
-<actuator name="u" tendon="t" gear="1" lower="-2" upper="2"/><task frame="tip"/></softdyn>
-</robot>"""
 
 
-def pendulum(tmp_path, height: float = -0.1, changes: dict[str, str] | None = None) -> SoftModel:
+def pendulum_text(height: float = -0.1, stiffness: float = STIFFNESS) -> str:
     """A mass of 1 kg, 0.1 m from a joint with a spring: hanging, or upright with height > 0."""
-    text = PENDULUM.format(height=height, stiffness=STIFFNESS)
-    for old, new in (changes or {}).items():
-        assert old in text
-        text = text.replace(old, new)
-    path = tmp_path / "pendulum.urdf"
-    path.write_text(text)
-    return softdyn.load(path)
+    return hinge(
+        1, f"0 0 {height}", tip=f"0 0 {height}", limit=(-1, 2), damping=0.05, stiffness=stiffness,
+        pull=(-2, 2), block='<task frame="tip"/>',
+    )  # fmt: skip
+
+
+def pendulum(*height: float, **changes: float) -> SoftModel:
+    return build(pendulum_text(*height, **changes))
 
 
 @pytest.mark.parametrize("u", [-0.3, 0.2, 1.5])
-def test_pendulum_with_spring(tmp_path, u):
+def test_pendulum_with_spring(u):
     """k q + m g r sin q = u has one solution; the slope k + m g r cos q is the stiffness."""
-    model = pendulum(tmp_path)
+    model = pendulum()
     angle = brentq(lambda q: STIFFNESS * q + 0.1 * G * np.sin(q) - u, -1, 2, xtol=1e-14)
     found = statics.settle(model, [u])
     slope = STIFFNESS + 0.1 * G * np.cos(angle)
@@ -67,9 +58,9 @@ def test_pendulum_with_spring(tmp_path, u):
     assert np.sort_complex(found.poles) == pytest.approx(np.sort_complex(poles))
 
 
-def test_upright_pendulum(tmp_path):
+def test_upright_pendulum():
     """For m g r > k the upright equilibrium is unstable, and there are two buckled ones below."""
-    model = pendulum(tmp_path, height=0.1)
+    model = pendulum(height=0.1)
     upright = statics.balance(model, [0.0], [1e-3])
     assert upright.q == pytest.approx([0.0], abs=1e-9)
     assert not upright.stable
@@ -83,9 +74,9 @@ def test_upright_pendulum(tmp_path):
 
 
 @pytest.mark.parametrize("u", [-0.1, 0.1])
-def test_from_a_saddle_the_robot_falls_to_the_lower_side(tmp_path, u):
+def test_from_a_saddle_the_robot_falls_to_the_lower_side(u):
     """The energy k q²/2 + m g r cos q - u q falls faster towards the side of u."""
-    model, weight = pendulum(tmp_path, height=0.1), 0.1 * G
+    model, weight = pendulum(height=0.1), 0.1 * G
 
     def force(q):
         return STIFFNESS * q - weight * np.sin(q) - u
@@ -100,8 +91,8 @@ def test_from_a_saddle_the_robot_falls_to_the_lower_side(tmp_path, u):
     assert fallen == pytest.approx([expected], abs=1e-8)
 
 
-def test_a_stop_takes_the_rest_of_the_force(tmp_path):
-    model = pendulum(tmp_path)
+def test_a_stop_takes_the_rest_of_the_force():
+    model = pendulum()
     found = statics.settle(model, [-2.0])
     assert found.q == pytest.approx([-1.0])
     assert found.held.all()
@@ -112,9 +103,9 @@ def test_a_stop_takes_the_rest_of_the_force(tmp_path):
     assert found.tip_compliance == pytest.approx(np.zeros((3, 3)))
 
 
-def test_inputs_for_the_pendulum_s_tip(tmp_path):
+def test_inputs_for_the_pendulum_s_tip():
     """u = k q + m g r sin q holds the tip at the angle q; off the circle, the nearest point."""
-    model = pendulum(tmp_path)
+    model = pendulum()
     for angle in (-0.95, 1.4):
         circle = -0.1 * np.array([np.sin(angle), 0.0, np.cos(angle)])
         for radius in (1.0, 1.5):
@@ -197,9 +188,9 @@ def test_a_ramp_ends_where_the_slow_robot_does(model):
         assert relative(again.y, found.y, 1e-3) < 1e-6
 
 
-def test_a_ramp_counts_its_snaps(tmp_path):
+def test_a_ramp_counts_its_snaps():
     """Upright, m g r > k: k q - m g r sin q = u folds where cos q = k / m g r, a snap each way."""
-    model, weight = pendulum(tmp_path, height=0.1), 0.1 * G
+    model, weight = pendulum(height=0.1), 0.1 * G
     bent = statics.settle(model, [0.0], np.array([1.5]))
     assert bent.q[0] > 1
     fold = np.arccos(STIFFNESS / weight)
@@ -213,7 +204,7 @@ def test_a_ramp_counts_its_snaps(tmp_path):
     back, again = statics.ramp(model, [1.0], after)  # off its stop, across to the other one
     assert again == 1
     assert back.q == pytest.approx([2.0])
-    _, hanging = statics.ramp(pendulum(tmp_path), [0.5])
+    _, hanging = statics.ramp(pendulum(), [0.5])
     assert hanging == 0
 
 
@@ -250,9 +241,9 @@ def test_explored_equilibria_are_exact(robot, size):
     assert min(distances) < 1e-6
 
 
-def test_rests_are_sampled_under_small_inputs_as_under_large_ones(tmp_path):
+def test_rests_are_sampled_under_small_inputs_as_under_large_ones():
     """Samples cover each ray: none of the last two and a half of three decades is empty."""
-    model = pendulum(tmp_path)
+    model = pendulum()
     sizes = [abs(float(one.u[0])) / 2.0 for one in statics.sample_rests(model, 15)]
     decades = np.sort(np.log10(sizes))
     assert decades[0] < -3
@@ -283,11 +274,11 @@ def test_random_inputs_stay_within_bounds(model):
     assert np.nanmax(part, axis=1, initial=0.0) == pytest.approx(min(model.nu, 1))
 
 
-def test_what_is_stable_stays_in_the_twin(tmp_path):
+def test_what_is_stable_stays_in_the_twin():
     """The frozen input holds a pendulum and the finger for 10 s; upright, the pendulum falls."""
-    found = statics.settle(pendulum(tmp_path), [0.2])
+    found = statics.settle(pendulum(), [0.2])
     assert hold(found, duration=10.0).largest < 1e-8
-    upright = statics.balance(pendulum(tmp_path, height=0.1), [0.0], [1e-3])
+    upright = statics.balance(pendulum(height=0.1), [0.0], [1e-3])
     assert hold(upright, duration=10.0, nudge=1e-6).final > 0.01
     model = softdyn.load("finger")
     found = statics.approach(statics.rest(model), [0.0917, 0.0, -0.2049])
@@ -314,15 +305,15 @@ def test_bad_arguments_are_refused():
         statics.inputs_for_tip(model, [0.0, 0.0])
 
 
-def test_no_equilibrium_is_an_error_that_says_so(tmp_path):
+def test_no_equilibrium_is_an_error_that_says_so():
     """Past the fold of the upright branch, Newton's method finds nothing to balance."""
-    model = pendulum(tmp_path, height=0.1)
+    model = pendulum(height=0.1)
     with pytest.raises(statics.StaticsError, match=r"no equilibrium.*left unbalanced"):
         statics.balance(model, [0.33], [0.5])
 
 
-def test_spread_rests_are_stable_and_apart(tmp_path):
-    model = pendulum(tmp_path)
+def test_spread_rests_are_stable_and_apart():
+    model = pendulum()
     samples = list(statics.sample_rests(model, 2))
     more = list(statics.sample_between(samples, 5))
     assert len(samples) == 24
@@ -335,15 +326,14 @@ def test_spread_rests_are_stable_and_apart(tmp_path):
 
 
 def test_the_command_reports_every_target(tmp_path, capsys, monkeypatch):
-    pendulum(tmp_path)
+    file = write(tmp_path, pendulum_text())
     picture = tmp_path / "map.png"
     drawn = []
     real = statics_figure.draw
     monkeypatch.setattr(statics_figure, "draw", lambda *a: (drawn.append(a), real(*a)))
     options = "--target 0.05 0 -0.0866 --rays 1 --spread 1 --shapes 1 --hold 0.1 --json -"
     arguments = options.split()
-    robot = str(tmp_path / "pendulum.urdf")
-    assert command.main([robot, *arguments, "--map", str(picture)]) == 0
+    assert command.main([str(file), *arguments, "--map", str(picture)]) == 0
     report = json.loads(capsys.readouterr().out)
     (line,) = report["targets"]
     closest = line["closest"]
@@ -356,9 +346,8 @@ def test_the_command_reports_every_target(tmp_path, capsys, monkeypatch):
 
 
 def test_the_command_leads_inputs_somewhere(tmp_path, capsys):
-    pendulum(tmp_path)
-    robot = str(tmp_path / "pendulum.urdf")
-    assert command.main([robot, "--inputs", "0.2", "--hold", "0.1", "--json", "-"]) == 0
+    file = write(tmp_path, pendulum_text())
+    assert command.main([str(file), "--inputs", "0.2", "--hold", "0.1", "--json", "-"]) == 0
     report = json.loads(capsys.readouterr().out)
     angle = report["rest"]["q"][0]
     assert STIFFNESS * angle + 0.1 * G * np.sin(angle) == pytest.approx(0.2)
@@ -378,11 +367,9 @@ def test_the_command_refuses_bad_input(arguments, capsys):
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
-def test_what_hangs_straight_down_rests_there(tmp_path):
+def test_what_hangs_straight_down_rests_there():
     """All forces vanish there, so that rounding must not be judged relative to itself."""
-    path = tmp_path / "pendulum.urdf"
-    path.write_text(PENDULUM.format(height=-0.1, stiffness=0))
-    model = softdyn.load(path)
+    model = pendulum(stiffness=0)
     for start in (0.4, -1.0):
         found = statics.settle(model, np.zeros(model.nu), np.array([start]))
         assert found.stable
@@ -407,35 +394,19 @@ def test_cables_that_pull_against_one_another_leave_a_rest() -> None:
 
 # -- joints without any stiffness at q = 0 -------------------------------------------------------
 
-BODY = '<inertial><origin xyz="{x} 0 0"/><mass value="{mass}"/>{moments}</inertial>'
-MOMENTS = '<inertia ixx="1e-4" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/>'
 # an arm of 0.2 m that leaves its joint horizontally, and a load of 0.2 kg on a winch
-BARE_ARM = f"""<robot name="arm"><link name="base"/>
-<link name="arm">{BODY.format(x=0.1, mass=0.3, moments=MOMENTS)}</link><link name="tip"/>
-<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" effort="9" velocity="9"/><dynamics damping="0.01"/></joint>
-<joint name="end" type="fixed"><parent link="arm"/><child link="tip"/>
-<origin xyz="0.2 0 0"/></joint>
-<softdyn version="1"><tendon name="t"><joint name="hinge" coef="1"/></tendon>
-<actuator name="u" tendon="t" lower="-1" upper="1"/><task frame="tip"/></softdyn></robot>"""
-HOIST = f"""<robot name="hoist"><link name="beam"/>
-<link name="load">{BODY.format(x=0, mass=0.2, moments=MOMENTS)}</link>
-<joint name="drop" type="prismatic"><parent link="beam"/><child link="load"/><axis xyz="0 0 -1"/>
-<limit lower="-0.2" upper="0.4" effort="9" velocity="9"/><dynamics damping="3"/></joint>
-<softdyn version="1"><tendon name="t"><joint name="drop" coef="1"/></tendon>
-<actuator name="u" tendon="t" gear="-1" lower="0" upper="30"/></softdyn></robot>"""
-
-
-def written(tmp_path, text: str) -> SoftModel:
-    path = tmp_path / "robot.urdf"
-    path.write_text(text)
-    return softdyn.load(path)
+MOMENTS = "1e-4 1e-3 1e-3"
+BARE_ARM = hinge(
+    0.3, "0.1 0 0", MOMENTS, limit=(-3, 3), damping=0.01, tip="0.2 0 0", pull=(-1, 1),
+    block='<task frame="tip"/>',
+)  # fmt: skip
+HOIST = slide(0.2, MOMENTS, axis="0 0 -1", limit=(-0.2, 0.4), damping=3, pull=(0, 30), gear=-1)
 
 
 @pytest.mark.parametrize("u", [0.0, 0.1, -0.2])
-def test_a_bare_arm_falls_from_the_horizontal(tmp_path, u):
+def test_a_bare_arm_falls_from_the_horizontal(u):
     """-m g r cos q = u, with the slope m g r sin q, which is zero at the start."""
-    model, weight = written(tmp_path, BARE_ARM), 0.3 * G * 0.1
+    model, weight = build(BARE_ARM), 0.3 * G * 0.1
     found, _ = statics.ramp(model, [u])
     angle = np.arccos(-u / weight)
     assert found.q == pytest.approx([angle])
@@ -447,31 +418,30 @@ def test_a_bare_arm_falls_from_the_horizontal(tmp_path, u):
 @pytest.mark.parametrize(("u", "place", "firmness"), [
     (0.0, 0.4, "stable"), (1.9, 0.4, "stable"), (0.2 * G, 0.1, "neutral"), (2.0, -0.2, "stable"),
 ])  # fmt: skip
-def test_a_hoist_rests_at_its_stops_or_anywhere(tmp_path, u, place, firmness):
-    found = statics.settle(written(tmp_path, HOIST), [u], [0.1])
+def test_a_hoist_rests_at_its_stops_or_anywhere(u, place, firmness):
+    found = statics.settle(build(HOIST), [u], [0.1])
     assert found.q == pytest.approx([place])
     assert found.firmness == firmness
     assert found.limit_forces == pytest.approx([u - 0.2 * G])
     assert np.isnan(found.tip_compliance).all() == (firmness == "neutral")
 
 
-def test_a_hoist_is_held_at_any_height(tmp_path):
-    model, target = written(tmp_path, HOIST), np.array([0.0, 0.0, -0.25])
+def test_a_hoist_is_held_at_any_height():
+    model, target = build(HOIST), np.array([0.0, 0.0, -0.25])
     search = statics.inputs_for_tip(model, target, shapes=2, seconds=math.inf)
     assert search.distance(search.nearest) < 1e-6
     assert search.nearest.u == pytest.approx([0.2 * G])
     assert search.nearest.neutral
 
 
-def test_two_bare_slides_have_no_stiffness_but_rounding(tmp_path):
+def test_two_bare_slides_have_no_stiffness_but_rounding():
     """Pinocchio's gravity gradients of slides on turned links are rounding, of either sign."""
-    text = HOIST.replace('<axis xyz="0 0 -1"/>', '<axis xyz="0.6 0 -0.8"/>').replace(
-        '<link name="beam"/>',
-        f'<link name="wall"/><link name="beam">{BODY.format(x=0.3, mass=1, moments=MOMENTS)}</link>'
-        '<joint name="lift" type="prismatic"><parent link="wall"/><child link="beam"/>'
-        '<origin xyz="0 0 0" rpy="0.3 0.2 0.1"/><axis xyz="0.48 0.64 0.6"/>'
-        '<limit lower="-1" upper="1" effort="9" velocity="9"/></joint>',
-    )
-    found = statics.rest(written(tmp_path, text))
+    text = robot(
+        "two", link("wall"), link("beam", 1, "0.3 0 0", MOMENTS), link("load", 0.2, None, MOMENTS),
+        joint("lift", "wall", "beam", "0.48 0.64 0.6", "prismatic", rpy="0.3 0.2 0.1"),
+        joint("drop", "beam", "load", "0.6 0 -0.8", "prismatic", limit=(-0.2, 0.4), damping=3),
+        block=(cable("t", "drop 1"), motor("t", 0, 30, -1)),
+    )  # fmt: skip
+    found = statics.rest(build(text))
     assert found.held.all()
     assert found.residual < 1e-9

@@ -7,34 +7,29 @@ import pytest
 
 import softdyn
 from softdyn import statics
-from tests.support import preloaded
+from tests.support import robots
 from tests.support.command import command
-from tests.support.turret import TURRET
+from tests.support.robots import TURRET
 
 # 1 kg on a spring of 100 N/m, and no input
-WEIGHT = """<robot name="weight"><link name="base"/><link name="a"><inertial><mass value="1"/>
-<inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>
-<joint name="sa" type="prismatic"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
-<limit lower="-1" upper="1" effort="9" velocity="9"/><dynamics stiffness="100" damping="1"/></joint>
-</robot>"""
+WEIGHT = robots.slide(1, 1e-4, axis="0 0 1", stiffness=100, damping=1)
 
 
 @pytest.mark.parametrize("words", [(), ("--inputs",)])
 def test_a_robot_without_inputs_rests_somewhere(tmp_path, words):
-    (tmp_path / "weight.urdf").write_text(WEIGHT)
-    done = command("statics", tmp_path / "weight.urdf", *words, "--hold", "0.1", "--json", "-")
+    file = robots.write(tmp_path, WEIGHT)
+    done = command("statics", file, *words, "--hold", "0.1", "--json", "-")
     assert done.code == 0, done.err
     assert json.loads(done.out)["rest"]["y"][2] == pytest.approx(-9.81 / 100)
-    done = command("statics", tmp_path / "weight.urdf", "--inputs", "0")
+    done = command("statics", file, "--inputs", "0")
     assert (done.code, done.out) == (2, "")
     assert "expected none, because the robot has no inputs, got 1" in done.err
 
 
 @pytest.mark.parametrize("width", [0.0, 1e-9])
 def test_a_preload_is_a_constant_force_and_no_unknown(tmp_path, width):
-    path = tmp_path / "arm.urdf"
-    path.write_text(preloaded.text(5.0, 5.0 + width))
-    target = [*map(str, preloaded.TARGET)]
+    path = robots.write(tmp_path, robots.preloaded(5.0, 5.0 + width))
+    target = [*map(str, robots.PRELOADED_TIP)]
     done = command(
         "statics", path, "--target", *target, "--hold", "0.2", "--rays", "4", "--json", "-"
     )
@@ -54,13 +49,13 @@ def test_a_preload_is_a_constant_force_and_no_unknown(tmp_path, width):
 
 def test_a_turret_whose_continuous_joint_nothing_holds(tmp_path):
     """It rests at any angle of `pan`, under no torque of its motor: neutral, as by hand."""
-    (tmp_path / "turret.urdf").write_text(TURRET)
-    words = ("statics", tmp_path / "turret.urdf", "--rays", "8", "--spread", "10", "--hold", "0.2")
+    file = robots.write(tmp_path, TURRET)
+    words = ("statics", file, "--rays", "8", "--spread", "10", "--hold", "0.2")
     done = command(*words)
     assert done.code == 0, done.err
     assert "nan" not in done.out
     assert "0 stable equilibria sampled, " in done.out
-    model = softdyn.load(tmp_path / "turret.urdf")
+    model = softdyn.load(file)
     found = list(statics.sample_rests(model, 8))
     assert len(found) > 40
     for one in found:
@@ -70,12 +65,10 @@ def test_a_turret_whose_continuous_joint_nothing_holds(tmp_path):
     pans = [model.coordinates(one.q)[0] for one in found]
     assert max(pans) - min(pans) > 2  # all around
     # the same equilibria as of the turret without the turn, by the same inputs
-    (tmp_path / "fixed.urdf").write_text(
-        TURRET.replace('name="pan" type="continuous"', 'name="pan" type="fixed"')
-        .replace('<tendon name="pan_t"><joint name="pan" coef="1"/></tendon>', "")
-        .replace('<actuator name="pan_m" tendon="pan_t" lower="-1" upper="1"/>', "")
-    )
-    fixed = softdyn.load(tmp_path / "fixed.urdf")
+    fixed = robots.build(robots.changed(
+        TURRET, ('name="pan" type="continuous"', 'name="pan" type="fixed"'),
+        (robots.cable("pan_t", "pan 1"), ""), (robots.motor("pan_t", name="pan_m"), ""),
+    ))  # fmt: skip
     for one in found[::7]:
         alone = statics.settle(fixed, one.u[1:], model.coordinates(one.q)[1:])
         np.testing.assert_allclose(alone.q, model.coordinates(one.q)[1:], atol=1e-8)
@@ -85,13 +78,13 @@ def test_a_turret_whose_continuous_joint_nothing_holds(tmp_path):
 
 def test_a_target_behind_a_turret(tmp_path):
     """163° of `pan`: the tip of the arm level at 0.2 m from the axis, turned."""
-    (tmp_path / "turret.urdf").write_text(TURRET)
-    model = softdyn.load(tmp_path / "turret.urdf")
+    file = robots.write(tmp_path, TURRET)
+    model = softdyn.load(file)
     level = statics.settle(model, np.array([0.0, 0.0]))
     radius, height = np.hypot(*level.y[:2]), level.y[2]
     angle = np.deg2rad(163)
     target = [radius * np.cos(angle), radius * np.sin(angle), height]
-    done = command("statics", tmp_path / "turret.urdf", "--target", *map(str, target),
+    done = command("statics", file, "--target", *map(str, target),
                    "--hold", "0.2", "--json", "-")  # fmt: skip
     assert done.code == 0, done.err
     closest = json.loads(done.out)["targets"][0]["closest"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,22 +11,17 @@ from scipy.optimize import brentq
 
 import softdyn
 from softdyn import InputError, SetPoint, statics
-from softdyn.loading import load_text
 from softdyn.statics import target_search
 from softdyn.tasks import AxisTask, OrientationTask, PointTask, PoseTask, StackedReference, Target
 from tests.support.command import command
 from tests.support.refused import refused
+from tests.support.robots import build, hinge
 
 FINGER = softdyn.load("finger")
-STANDING = load_text("""<robot name="pendulum"><link name="world"/><link name="rod"><inertial>
-<origin xyz="0 0 0.1"/><mass value="1"/>
-<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="j" type="revolute"><parent link="world"/><child link="rod"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" effort="1" velocity="1"/>
-<dynamics damping="0.05" stiffness="0.5"/></joint>
-<softdyn version="1"><tendon name="t"><joint name="j" coef="1"/></tendon>
-<actuator name="u" tendon="t" gear="1" lower="-2" upper="2"/><task frame="rod"/></softdyn>
-</robot>""", path=Path("pendulum.urdf"))  # fmt: skip
+STANDING = build(hinge(
+    1, "0 0 0.1", limit=(-3, 3), damping=0.05, stiffness=0.5, pull=(-2, 2),
+    block='<task frame="arm"/>',
+))  # fmt: skip
 TIP = FINGER.robot.task
 
 

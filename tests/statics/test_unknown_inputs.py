@@ -35,9 +35,8 @@ def test_a_point_out_of_reach_is_a_statics_error() -> None:
         balance_at(problem, model.q0, np.zeros(model.nu))
 
 
-def test_a_robot_that_no_force_holds_can_be_searched(tmp_path) -> None:
-    text = cart.CART.format(damping=cart.DAMPING, stiffness=0.0, lower=-1.0, upper=1.5)
-    model, target = cart.load(tmp_path, text), np.array([cart.LENGTH + 0.5, 0.0, 0.0])
+def test_a_robot_that_no_force_holds_can_be_searched() -> None:
+    model, target = cart.cart(-1.0, 1.5, stiffness=0.0), np.array([cart.LENGTH + 0.5, 0.0, 0.0])
     search = statics.inputs_for_tip(model, target, shapes=4, seconds=math.inf)
     assert search.nearest.residual < 1e-6
 

@@ -8,28 +8,19 @@ import scipy.linalg
 
 import softdyn
 from softdyn import statics
+from tests.support.robots import build, cable, joint, link, motor, robot, weld
 
-OSCILLATOR = """<robot name="pair"><link name="world"/>
-<link name="a"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>
-</inertial></link>
-<link name="b"><inertial><mass value="0.5"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0"
-izz="1"/></inertial></link><link name="tip"/>
-<joint name="ja" type="prismatic"><parent link="world"/><child link="a"/><axis xyz="1 0 0"/>
-<limit lower="-2" upper="2" effort="9" velocity="9"/></joint>
-<joint name="jb" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="1 0 0"/>
-<dynamics damping="0.3"/><limit lower="-2" upper="2" effort="9" velocity="9"/></joint>
-<gazebo reference="jb"><springStiffness>4</springStiffness></gazebo>
-<joint name="end" type="fixed"><parent link="a"/><child link="tip"/></joint>
-<softdyn version="1"><tendon name="t"><joint name="ja" coef="1"/></tendon>
-<actuator name="u" tendon="t" gear="1" lower="-9" upper="9"/><task frame="tip"/></softdyn></robot>
-"""
+OSCILLATOR = robot(
+    "pair", link("world"), link("a", 1), link("b", 0.5), link("tip"),
+    joint("ja", "world", "a", "1 0 0", "prismatic", limit=(-2, 2)),
+    joint("jb", "a", "b", "1 0 0", "prismatic", limit=(-2, 2), damping=0.3, stiffness=4),
+    weld("a", "tip"), block=(cable("t", "ja 1"), motor("t", -9, 9), '<task frame="tip"/>'),
+)  # fmt: skip
 
 
-def test_a_mass_on_a_held_one(tmp_path):
+def test_a_mass_on_a_held_one():
     # the input holds the first body; the second swings on it: 0.5 s² + 0.3 s + 4 = 0
-    path = tmp_path / "pair.urdf"
-    path.write_text(OSCILLATOR)
-    poles = statics.zero_spectrum(softdyn.load(path), [0.2, 0.0], [0.0])
+    poles = statics.zero_spectrum(build(OSCILLATOR), [0.2, 0.0], [0.0])
     np.testing.assert_allclose(np.sort_complex(poles), np.sort_complex(np.roots([0.5, 0.3, 4.0])))
 
 

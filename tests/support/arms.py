@@ -11,7 +11,7 @@ import softdyn
 from softdyn import SoftModel, design
 from softdyn.validation.rods.arms import model_of
 from tests.support import ROOT
-from tests.support.micro import GRIPPER, write
+from tests.support.robots import GRIPPER, write
 
 THREE_SECTIONS = (ROOT / "docs/examples/three_sections.toml").read_text("utf-8")
 RUBBER = design.Material(0.25e6, 0.49, 1070)

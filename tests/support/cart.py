@@ -1,37 +1,32 @@
 """A cart on a spring, small enough for closed forms, and two controllers for it."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
-import softdyn
-from softdyn import SetPoint
+from softdyn import SetPoint, SoftModel
+from tests.support.robots import build, hinge
 
 MASS, STIFFNESS, DAMPING = 0.5, 8.0, 0.3
 LENGTH = 0.4
-# A cart along x with the tip 0.4 m ahead of it, so that gravity does no work.
-CART = """<robot name="cart">
-  <link name="base"/>
-  <link name="body"><inertial><mass value="0.5"/>
-    <inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>
-  <link name="tip"/>
-  <joint name="x" type="prismatic"><parent link="base"/><child link="body"/><axis xyz="1 0 0"/>
-    <limit lower="-9" upper="9" effort="1" velocity="1"/><dynamics damping="{damping}"/></joint>
-  <joint name="end" type="fixed"><parent link="body"/><child link="tip"/><origin xyz="0.4 0 0"/>
-  </joint>
-  <gazebo reference="x"><springStiffness>{stiffness}</springStiffness></gazebo>
-  <softdyn version="1">
-    <tendon name="cable"><joint name="x" coef="1"/></tendon>
-    <actuator name="u" tendon="cable" gear="1" lower="{lower}" upper="{upper}"/>
-  </softdyn>
-</robot>"""
 TARGET = SetPoint([LENGTH + 0.5, 0.0, 0.0])
 
 
-def load(folder, text):
-    path = folder / "robot.urdf"
-    path.write_text(text)
-    return softdyn.load(path)
+def text(
+    lower: float = -9, upper: float = 9, *, damping: float = DAMPING, stiffness: float = STIFFNESS,
+    limit: tuple[float, float] = (-9, 9), block: str = "",
+) -> str:  # fmt: skip
+    """A cart along x with the tip 0.4 m ahead of it, so that gravity does no work."""
+    return hinge(
+        MASS, None, name="x", child="body", axis="1 0 0", kind="prismatic", limit=limit,
+        damping=damping, stiffness=stiffness, tip=f"{LENGTH} 0 0", pull=(lower, upper), block=block,
+    )  # fmt: skip
+
+
+def cart(*bounds: float, **changes: Any) -> SoftModel:
+    """The model of `text`, without a file."""
+    return build(text(*bounds, **changes))
 
 
 def push(force):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -13,57 +11,22 @@ from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.controllers import Gains, SoftIdClfQp
 from softdyn.dynamics.integrators import step_implicit
 from softdyn.validation import paper
+from tests.support.robots import build, chain
 
 BUNDLED = ("finger", "helix", "spirob", "spirob48")
 GAINS = Gains(Kp=100.0, eps=0.1)  # for robots without published ones
 
 
-def _chain(axes: str, tendons: tuple[tuple[float, ...], ...], bound: float = 1.0) -> str:
-    """URDF of a serial arm, from the kinds of its joints and the coefficients of its tendons.
-
-    A joint is "x", "y", "z" (revolute), "c" (continuous about y) or "p" (prismatic along z)."""
-    parts = ['<robot name="micro"><link name="world"/>']
-    parent = "world"
-    for i, axis in enumerate(axes):
-        kind = {"c": "continuous", "p": "prismatic"}.get(axis, "revolute")
-        xyz = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1", "c": "0 1 0", "p": "0 0 1"}[axis]
-        limit = "" if axis == "c" else '<limit lower="-2" upper="2" effort="9" velocity="9"/>'
-        spring = "" if axis == "c" else (
-            f'<gazebo reference="j{i}"><springStiffness>0.5</springStiffness></gazebo>'
-        )  # fmt: skip
-        parts.append(
-            f'<link name="l{i}"><inertial><origin xyz="0.01 0.02 -0.06"/><mass value="0.1"/>'
-            f'<inertia ixx="2e-4" ixy="0" ixz="0" iyy="2.5e-4" iyz="0" izz="3e-4"/>'
-            f'</inertial></link><joint name="j{i}" type="{kind}">'
-            f'<origin xyz="0 0 {-0.1 * (i > 0)}"/>'
-            f'<parent link="{parent}"/><child link="l{i}"/><axis xyz="{xyz}"/>'
-            f'<dynamics damping="0.05"/>{limit}</joint>{spring}'
-        )
-        parent = f"l{i}"
-    parts.append(
-        f'<link name="tip"/><joint name="end" type="fixed"><origin xyz="0.02 0.01 -0.1"/>'
-        f'<parent link="{parent}"/><child link="tip"/></joint><softdyn version="1">'
-    )
-    for t, coefficients in enumerate(tendons):
-        terms = "".join(f'<joint name="j{i}" coef="{c}"/>' for i, c in enumerate(coefficients) if c)
-        parts.append(f'<tendon name="t{t}">{terms}</tendon>')
-    for t in range(len(tendons)):
-        parts.append(
-            f'<actuator name="u{t}" tendon="t{t}" gear="0.5" lower="{-bound}" upper="{bound}"/>'
-        )
-    return "".join(parts) + '<task frame="tip"/></softdyn></robot>'
-
-
 _MICRO = {
-    "one joint": _chain("y", ((1.0,),)),
-    "two identical tendons": _chain("yxy", ((1, 0.5, 1), (1, 0.5, 1))),
-    "three tendons of rank two": _chain("yxyx", ((1, 0, 1, 0), (0, 1, 0, 1), (1, 1, 1, 1))),
-    "more inputs than joints": _chain("yx", ((1, 0), (0, 1), (1, -1))),
-    "n < 3 + m": _chain("yxy", ((1, 1, 0), (0, 1, 1))),
-    "fully actuated": _chain("xyz", ((1, 0, 0), (0, 1, 0), (0, 0, 1))),
-    "sliding and turning": _chain("pcyx", ((1, 0, 0, 0), (0, 1, 1, 0))),
-    "planar": _chain("yyyyy", ((1, 1, 1, 0, 0), (0, 0, 0, 1, 1))),
-    "a fixed input": _chain("yxyx", ((1, 1, 0, 0), (0, 0, 1, 1)), bound=0.0),
+    "one joint": chain("y", ((1.0,),)),
+    "two identical tendons": chain("yxy", ((1, 0.5, 1), (1, 0.5, 1))),
+    "three tendons of rank two": chain("yxyx", ((1, 0, 1, 0), (0, 1, 0, 1), (1, 1, 1, 1))),
+    "more inputs than joints": chain("yx", ((1, 0), (0, 1), (1, -1))),
+    "n < 3 + m": chain("yxy", ((1, 1, 0), (0, 1, 1))),
+    "fully actuated": chain("xyz", ((1, 0, 0), (0, 1, 0), (0, 0, 1))),
+    "sliding and turning": chain("pcyx", ((1, 0, 0, 0), (0, 1, 1, 0))),
+    "planar": chain("yyyyy", ((1, 1, 1, 0, 0), (0, 0, 0, 1, 1))),
+    "a fixed input": chain("yxyx", ((1, 1, 0, 0), (0, 0, 1, 1)), bound=0.0),
 }
 MICRO = tuple(_MICRO)
 RANK_DEFICIENT = ("two identical tendons", "three tendons of rank two", "more inputs than joints")
@@ -74,10 +37,7 @@ def robot(name: str) -> SoftModel:
     """A bundled robot, or a micro one by its description."""
     if name in BUNDLED:
         return softdyn.load(name)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "micro.urdf"
-        path.write_text(_MICRO[name])
-        return softdyn.load(path)
+    return build(_MICRO[name])
 
 
 def gains_of(name: str) -> Gains:

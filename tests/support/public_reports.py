@@ -24,7 +24,7 @@ from softdyn.validation import rollout, simulate
 from softdyn.validation.mjcf import export
 from softdyn.validation.mjcf.comparison.finding import force
 from softdyn.validation.mjcf.comparison.side import Side, neutral
-from tests.support import preloaded
+from tests.support import robots
 
 Measure = Callable[[Path], Any]
 
@@ -232,7 +232,9 @@ def refused_start(folder: Path) -> str:
 
 def holding_inputs(folder: Path) -> list[float]:
     """The inputs (N) of the equilibrium nearest to the target."""
-    found = statics.inputs_for_tip(softdyn.load(folder / "arm.urdf"), preloaded.TARGET, shapes=4)
+    found = statics.inputs_for_tip(
+        softdyn.load(folder / "arm.urdf"), robots.PRELOADED_TIP, shapes=4
+    )
     return [float(value) for value in found.nearest.u]
 
 
@@ -240,7 +242,7 @@ def steps_not_solved(folder: Path) -> int:
     """The steps of 300 that the controller does not solve."""
     model = softdyn.load(folder / "nearly.urdf")
     law = make_controller("soft-id-clf-qp", model, {"Kp": 100.0, "eps": 0.1})
-    return simulate(model, law, SetPoint(preloaded.TARGET), duration=0.6).not_solved
+    return simulate(model, law, SetPoint(robots.PRELOADED_TIP), duration=0.6).not_solved
 
 
 def pulled_tip(folder: Path) -> float:
@@ -826,7 +828,7 @@ MENDED = (
         "locked_input",
         ("Simple-Robotics/proxsuite#445",),
         "A solver calls a problem infeasible although its residual is small.",
-        {"arm.urdf": preloaded.text(), "nearly.urdf": preloaded.text(5.0, 5.0 + 1e-9)},
+        {"arm.urdf": robots.preloaded(), "nearly.urdf": robots.preloaded(5.0, 5.0 + 1e-9)},
         "statics arm.urdf --target 0.02 0 -0.199 --hold 0.2 --rays 4",
         0,
         ("u = 9.405 5.000", "0.002 cm away"),

@@ -9,21 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from tests.support import PATIENCE
+from tests.support.robots import finger
 
-PENDULUM = """<robot name="pendulum">
-  <link name="base"/>
-  <link name="body"><inertial><mass value="0.1"/>
-    <inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>
-  <link name="tip"/>
-  <joint name="turn" type="revolute"><parent link="base"/><child link="body"/><axis xyz="0 1 0"/>
-    <limit lower="-2" upper="2" effort="1" velocity="1"/><dynamics damping="0.05"/></joint>
-  <joint name="end" type="fixed"><parent link="body"/><child link="tip"/>
-    <origin xyz="0 0 -0.2"/></joint>
-  <softdyn version="1">
-    <tendon name="cable"><joint name="turn" coef="1"/></tendon>
-    <actuator name="u" tendon="cable" gear="1" lower="-5" upper="5"/>
-  </softdyn>
-</robot>"""
+PENDULUM = finger(tip="0 0 -0.2")
 OWN = """
 import os
 from types import SimpleNamespace

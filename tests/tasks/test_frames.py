@@ -20,15 +20,15 @@ from softdyn.tasks import (
 )
 from softdyn.tasks.frames import FrameStack
 from softdyn.tasks.targets import exp3
-from tests.support.micro import FLOATING, GRIPPER, write
 from tests.support.refused import refused
+from tests.support.robots import GRIPPER, WALKER, write
 
 
 @pytest.fixture(params=["helix", "mimic", "floating"])
 def model(request, tmp_path):
     if request.param == "helix":
         return softdyn.load("helix")
-    text = GRIPPER if request.param == "mimic" else FLOATING
+    text = GRIPPER if request.param == "mimic" else WALKER
     return softdyn.load(write(tmp_path, text), floating=request.param == "floating")
 
 

@@ -33,10 +33,10 @@ from softdyn.tasks import (
 from softdyn.tasks.targets import exp3
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
-from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import EVERYTHING, loaded
-from tests.support.micro import FLOATING, GRIPPER, write
 from tests.support.oracles import relative
+from tests.support.random_robots import write_robot
+from tests.support.robots import GRIPPER, WALKER, write
 
 BAR = 1e-7
 ANGLES = (0.0, 1e-4, 1.5, math.pi - 1e-3)
@@ -46,7 +46,7 @@ ROBOTS = ("finger", "helix", "mimic", "floating")
 @pytest.fixture(params=ROBOTS)
 def model(request, tmp_path) -> SoftModel:
     if request.param in ("mimic", "floating"):
-        text = GRIPPER if request.param == "mimic" else FLOATING
+        text = GRIPPER if request.param == "mimic" else WALKER
         return softdyn.load(write(tmp_path, text), floating=request.param == "floating")
     return softdyn.load(request.param)
 
@@ -169,7 +169,7 @@ def test_frames_are_those_of_mujoco(which, tmp_path):
     if isinstance(which, int):
         model = softdyn.load(write_robot(which, tmp_path))
     elif which in ("mimic", "floating"):
-        text = GRIPPER if which == "mimic" else FLOATING
+        text = GRIPPER if which == "mimic" else WALKER
         model = softdyn.load(write(tmp_path, text), floating=which == "floating")
     else:
         model = softdyn.load(which)
@@ -250,7 +250,7 @@ def test_an_antiparallel_axis_has_a_stated_finite_branch():
 
 
 def test_a_continuous_joint_takes_the_shorter_way(tmp_path):
-    model = softdyn.load(write(tmp_path, FLOATING.replace("floating", "")))
+    model = softdyn.load(write(tmp_path, WALKER.replace("floating", "")))
     q = model.configuration(np.where([n == "jz" for n in model.joint_names], 3.0, 0.0))
     error = JointTask(["jz"]).evaluate(model.state(q, np.zeros(model.nv)), Target([-3.0]))
     assert error.error == pytest.approx([6 - 2 * math.pi])

@@ -14,7 +14,7 @@ from softdyn.validation import Rig, RunOptions
 from softdyn.validation.loop.plants import plant_of
 from tests.support.command import command
 from tests.support.control_cases import robot
-from tests.support.sensed import sensed
+from tests.support.rigs import sensed
 
 
 @pytest.fixture(scope="module")

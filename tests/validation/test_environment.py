@@ -15,6 +15,7 @@ from softdyn.validation import simulate
 from softdyn.validation.environment import NAME, ReachEnv
 from softdyn.validation.studies.sweep_file import sweep_of
 from softdyn.validation.twin.rig import Rig
+from tests.support import robots
 
 WORDS = f"softdyn.validation.environment:{NAME}"
 ERRORS = {
@@ -200,7 +201,6 @@ def test_what_it_refuses(finger, options, name):
 
 
 def test_a_robot_without_inputs_is_refused(tmp_path):
-    file = tmp_path / "bare.urdf"
-    file.write_text('<robot name="bare"><link name="a"/></robot>')
+    file = robots.write(tmp_path, '<robot name="bare"><link name="a"/></robot>')
     with pytest.raises(softdyn.SoftdynError):
         ReachEnv(file)

@@ -4,6 +4,7 @@ import pytest
 
 from softdyn.commands.__main__ import main
 from softdyn.validation.inputs import files_read
+from tests.support.robots import hinge
 
 LAW = """import helper
 from types import SimpleNamespace
@@ -12,11 +13,8 @@ class Still:
     def __call__(self, state, reference): return SimpleNamespace(u=self.u)
 """
 HELPER = "import numpy as np\ndef zero(n): return np.zeros(n)\n"
-ARM = """<robot name="arm"><link name="world"/><link name="a"><inertial><mass value="1"/>
-<inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial>
-<visual><geometry><mesh filename="meshes/a.stl"/></geometry></visual></link>
-<joint name="j" type="revolute"><parent link="world"/><child link="a"/><axis xyz="0 1 0"/>
-<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+MESH = '<visual><geometry><mesh filename="meshes/a.stl"/></geometry></visual>'
+ARM = hinge(1, "0 0 0", body=MESH)
 SWEEP = 'robots = ["arm.urdf"]\ncontrollers = ["law.py:Still"]\n[targets]\npoint = [[0, 0, -0.1]]\n'
 FILES = {
     "law.py": LAW,

@@ -22,7 +22,7 @@ from softdyn.view.live.channel import Channel
 from softdyn.view.live.explorer import Explorer, open_explorer_page
 from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
-from tests.support import PATIENCE, micro, rigged, winched
+from tests.support import PATIENCE, rigs, robots
 from tests.support.arms import RUBBER, loaded, pushed
 from tests.support.browser import Browser, required
 from tests.support.forked import forked
@@ -445,9 +445,9 @@ def tense(model, q, u):
 
 def test_slack_cables_of_a_page_have_no_tension(browser, tmp_path):
     """A winch's cable and a brace with a spring, along a run; a fixed tendon over followers."""
-    arm = softdyn.load(micro.write(tmp_path, winched.ARM))
-    log = winched.turns(arm)
-    gripper = rigged.slackened(softdyn.load(micro.write(tmp_path, micro.GRIPPER)))
+    arm = robots.load(tmp_path, robots.WINCHED)
+    log = rigs.turns(arm)
+    gripper = rigs.slackened(robots.load(tmp_path, robots.GRIPPER))
     rng = np.random.default_rng(2)
     q = rng.uniform(-0.5, 0.5, (12, gripper.nq))
     none, y = np.zeros((len(q), gripper.nu)), np.zeros((len(q), 3))

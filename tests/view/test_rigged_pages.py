@@ -12,17 +12,17 @@ from softdyn import SoftModel
 from softdyn.validation import Log
 from softdyn.validation.loop.pictures.replay import track
 from softdyn.view.scene import Figure
-from tests.support import micro, winched
+from tests.support import rigs, robots
 
 
 @pytest.fixture
 def arm(tmp_path: Path) -> SoftModel:
-    return softdyn.load(micro.write(tmp_path, winched.ARM))
+    return robots.load(tmp_path, robots.WINCHED)
 
 
 @pytest.fixture
 def log(arm: SoftModel) -> Log:
-    return winched.turns(arm)
+    return rigs.turns(arm)
 
 
 def test_a_replay_has_the_acting_inputs(arm: SoftModel, log: Log) -> None:

@@ -17,22 +17,21 @@ from softdyn.description.visuals import BoxShape, CylinderShape, Visual
 from softdyn.view.rest_sweep import BEND, TRAVEL, rest_sweep
 from softdyn.view.scene import TENSION, Figure, tension_colour
 from softdyn.view.tendon_paths import CLEARANCE, _distance
-from tests.proof.crosschecks.wrapped_robots import wrapped_robot
+from tests.support import robots
 from tests.support.arms import RUBBER, THREE_SECTIONS, loaded, pushed
+from tests.support.wrapped_robots import wrapped_robot
 
-STICKS = """<robot name="sticks">
-  <link name="base"/><link name="a">{i}</link><link name="b">{i}</link><link name="tip"/>
-  <joint name="j" type="continuous"><parent link="base"/><child link="a"/>
-    <axis xyz="0 1 0"/></joint>
-  <joint name="k" type="prismatic"><parent link="a"/><child link="b"/><origin xyz="0.2 0 0"/>
-    <axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>{mimic}</joint>
-  <joint name="end" type="fixed"><parent link="b"/><child link="tip"/>
-    <origin xyz="0.1 0 0"/></joint>
-</robot>"""
-INERTIAL = (
-    '<inertial><mass value="1"/>'
-    '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
-)
+
+def sticks(mimic: str = "", base: str = "", **first: object) -> str:
+    """A joint that turns, one that slides on it and may follow it, and a tip."""
+    # a continuous joint has no follower
+    first = first or {"kind": "revolute" if mimic else "continuous"}
+    return robots.robot(
+        "sticks", robots.tag("link", base, name="base"), robots.link("a", 1, None, 1),
+        robots.link("b", 1, None, 1), robots.link("tip"), robots.joint("j", "base", "a", **first),
+        robots.joint("k", "a", "b", "1 0 0", "prismatic", at="0.2 0 0", inside=mimic),
+        robots.weld("b", "tip", "0.1 0 0"),
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -79,19 +78,8 @@ def test_link_poses_are_pinocchio_s(name):
 @pytest.mark.parametrize("floating", [False, True])
 @pytest.mark.parametrize("mimic", ["", '<mimic joint="j" multiplier="0.1" offset="0.05"/>'])
 def test_the_tip_of_any_tree_is_the_model_s(tmp_path, mimic, floating):
-    if mimic:  # a continuous joint has no follower
-        text = STICKS.replace(
-            'type="continuous"><parent link="base"/><child link="a"/>',
-            'type="revolute"><parent link="base"/><child link="a"/>'
-            '<limit lower="-1" upper="1" effort="1" velocity="1"/>',
-        )
-    else:
-        text = STICKS
-    body = text.format(i=INERTIAL, mimic=mimic)
-    if floating:
-        body = body.replace('<link name="base"/>', f'<link name="base">{INERTIAL}</link>')
-    (tmp_path / "r.urdf").write_text(body)
-    model = softdyn.load(tmp_path / "r.urdf", floating=floating)
+    text = sticks(mimic, robots.inertial(1, None, 1) if floating else "")
+    model = robots.load(tmp_path, text, floating=floating)
     figure = Figure.of(model)
     rods = [shape for shape in figure.shapes if isinstance(shape.shape, CylinderShape)]
     for rod, joint in zip(rods, model.robot.joints[-2:], strict=True):  # the first turns in place
@@ -143,9 +131,8 @@ def test_cables_clear_the_robot(finger):
         assert (np.abs(points[:, 2]) > radius).all()
 
 
-def test_a_cable_clears_the_first_link_below_that_has_a_shape(tmp_path):
-    (tmp_path / "r.urdf").write_text(STICKS.format(i=INERTIAL, mimic=""))
-    robot = softdyn.parse(tmp_path / "r.urdf")
+def test_a_cable_clears_the_first_link_below_that_has_a_shape():
+    robot = robots.build(sticks()).robot
     boxes = [
         Visual(link, np.eye(4), BoxShape((0.1, 0.1, 2 * half)), (1, 1, 1, 1))
         for link, half in (("base", 0.7), ("a", 0.05), ("b", 0.2))
@@ -209,12 +196,8 @@ def test_a_robot_without_inputs_moves_joint_by_joint():
         ((0.2, 1), 0.2 + BEND),
     ],
 )
-def test_a_joint_moves_where_it_has_room_and_back(tmp_path, limits, peak):
-    text = STICKS.format(i=INERTIAL, mimic="").replace("continuous", "revolute", 1)
-    room = '<limit lower="{}" upper="{}" effort="1" velocity="1"/>'.format(*limits)
-    text = text.replace('<axis xyz="0 1 0"/>', f'<axis xyz="0 1 0"/>{room}')
-    (tmp_path / "r.urdf").write_text(text)
-    sweep = rest_sweep(softdyn.load(tmp_path / "r.urdf"))
+def test_a_joint_moves_where_it_has_room_and_back(limits, peak):
+    sweep = rest_sweep(robots.build(sticks(limit=limits)))
     assert [name for _, name in sweep.notes] == ["j", "k"]
     second = np.searchsorted(sweep.t, sweep.notes[1][0])
     rest, first = max(limits[0], 0), sweep.q[:second, 0]
@@ -315,11 +298,10 @@ def test_a_chamber_is_a_tube_at_its_place_beside_the_cables() -> None:
     assert rest.y[0] < -0.01
 
 
-def test_a_body_without_a_shape_gets_a_stand_in(tmp_path):
+def test_a_body_without_a_shape_gets_a_stand_in():
     shape = '<visual><geometry><box size="0.1 0.1 0.1"/></geometry></visual>'
-    text = STICKS.format(i=INERTIAL, mimic="")
-    path = tmp_path / "one.urdf"
+    text = sticks()
     for link, bare in (("a", {"b", "tip"}), ("b", {"a", "b"})):
-        path.write_text(text.replace(f'<link name="{link}">', f'<link name="{link}">{shape}'))
-        shapes = Figure.of(softdyn.load(path)).shapes
+        shown = robots.changed(text, (f'<link name="{link}">', f'<link name="{link}">{shape}'))
+        shapes = Figure.of(robots.build(shown)).shapes
         assert {one.link for one in shapes if not isinstance(one.shape, BoxShape)} == bare

@@ -19,7 +19,7 @@ from softdyn.validation.crosschecks.result import Check, finite
 from softdyn.validation.processes import in_order
 from softdyn.validation.tables import Table, document, inline
 from tests.proof.crosschecks.forced_robots import forced_checks, forced_robot, forced_seeds
-from tests.proof.crosschecks.random_robots import write_robot
+from tests.support.random_robots import write_robot
 
 FIXED, REPAIRED, FLOATING = "fixed base", "fixed base, inertia repaired", "floating base"
 

@@ -31,7 +31,7 @@ from softdyn.validation.crosschecks.result import Check
 from softdyn.validation.crosschecks.trajectories import compare_trajectories, input_window
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
-from tests.proof.crosschecks.random_robots import random_urdf
+from tests.support.random_robots import random_urdf
 
 Amend = Callable[[Robot, np.random.Generator], Robot]
 TOLERANCE_SLOPES = 1e-6

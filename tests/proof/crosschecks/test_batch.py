@@ -12,7 +12,7 @@ from softdyn.description.library import example_files, example_robots
 from tests.proof.crosschecks import batch as catalogue
 from tests.proof.crosschecks import forced_robots
 from tests.proof.crosschecks.batch import FIXED, BatchRow
-from tests.proof.crosschecks.random_robots import random_urdf
+from tests.support.random_robots import random_urdf
 
 
 def test_every_file_of_the_package_is_a_job():

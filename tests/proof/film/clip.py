@@ -20,7 +20,7 @@ from softdyn.validation.live.playing import open_play_page
 from softdyn.validation.live.session import Session
 from softdyn.view.live import messages
 from softdyn.view.live.channel import Channel
-from tests.proof.film.chromium import Browser
+from tests.support.browser import Browser
 
 SIZE = (960, 600)  # of the window (pixels)
 SHOWN = (640, 400)  # of the picture

@@ -17,12 +17,12 @@ from softdyn.validation import Log
 from softdyn.validation.live.session import Session
 from softdyn.validation.studies.engine import store
 from tests.proof import fuzz
-from tests.proof.crosschecks.random_robots import random_urdf
 from tests.proof.fuzzing import arguments, campaign, data, messages
 from tests.proof.fuzzing.second_reading import differences
 from tests.proof.fuzzing.verdict import ACCEPTED, EXCEPTION, FINDINGS, LOST, MESSAGE, REFUSED, judge
-from tests.support.fragile import fragile
+from tests.support.dying_worker import dying_worker
 from tests.support.misuses import ARM, MISUSES
+from tests.support.random_robots import random_urdf
 
 BASES = sorted(fuzz.CORPUS.glob("base/*.urdf"))
 FOUND = sorted(fuzz.CORPUS.glob("found/*.urdf"))
@@ -161,7 +161,7 @@ def _written(path: Path, text: str) -> Path:
 
 
 def test_a_dead_process_is_a_finding_and_is_replaced() -> None:
-    outcomes = list(campaign.in_a_process([], 0, range(8), fragile))
+    outcomes = list(campaign.in_a_process([], 0, range(8), dying_worker))
     assert [index for index, _, _ in outcomes] == list(range(8))
     kinds = [kind for _, (kind, _, _), _ in outcomes]
     assert kinds == [ACCEPTED, ACCEPTED, "crash", ACCEPTED, ACCEPTED, "hang", ACCEPTED, ACCEPTED]

@@ -9,8 +9,8 @@ import numpy as np
 
 from softdyn import Reference, SoftModel, State
 from softdyn.controllers import CONTROLLERS, Gains
-from tests.proof.paper import paper_qps
-from tests.proof.paper.solvers import LeastNorm, Quadprog, unknowns
+from tests.support import paper_qps
+from tests.support.qp_solvers import LeastNorm, Quadprog, unknowns
 
 TOLERANCE = 1e-6  # of the input range
 # relative: a solver cannot distinguish minimisers of CLF-QP whose cost agrees to this

@@ -1,7 +1,5 @@
 """The paper's QPs as printed, and its reference implementation.
 
-- `paper_qps`: CLF-QP, ID-CLF-QP, Soft ID-CLF-QP, IC-QP, IC, UIC as the paper prints them;
-- `solvers`: quadprog, SCS through cvxpy; the least-norm minimiser;
 - `certificates`: V along the paper's runs, and the zero dynamics;
 - `reference_laws`: these controllers with the deviations of the reference implementation;
 - `altered_states`: states as the reference implementation computes them;

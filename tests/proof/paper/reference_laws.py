@@ -24,9 +24,9 @@ from softdyn import InputError, Reference, SoftModel, State
 from softdyn.controllers import Command, Controller, Gains, InputGuard, Status
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
-from tests.proof.paper import paper_qps, solvers
-from tests.proof.paper.paper_qps import TaskTerms, tip
-from tests.proof.paper.solvers import Quadprog, Solver, SymbolicQp, Term
+from tests.support import paper_qps, qp_solvers
+from tests.support.paper_qps import TaskTerms, tip
+from tests.support.qp_solvers import Quadprog, Solver, SymbolicQp, Term
 
 INPUT_WEIGHT = 0.5  # weight on ‖u‖₁² in the reference's CLF-QP, finger and SpiRob
 DIFFERENCE = 1e-6  # s, over which the reference differentiates J
@@ -57,8 +57,8 @@ def make_law(name: str, model: SoftModel, gains: Gains, options: Iterable[str]) 
     if "mass" in options and name != "clf-qp":
         write = partial(paper_qps.mass_orthogonal, decrease=name == "soft-id-clf-qp")
     if options & {"scs", "clf"}:
-        return Qp(model, gains, task, write, solvers.Scs())
-    exact = solvers.LeastNorm(Quadprog(RIDGE)) if name == "clf-qp" else Quadprog()
+        return Qp(model, gains, task, write, qp_solvers.Scs())
+    exact = qp_solvers.LeastNorm(Quadprog(RIDGE)) if name == "clf-qp" else Quadprog()
     return Qp(model, gains, task, write, exact)
 
 
@@ -155,7 +155,7 @@ class Qp:
         below = {name: rows for name, rows in qp.below.items() if name != "slack"}
         try:
             found = self._solver.solve(replace(qp, below=below))
-        except solvers.Unsolved:
+        except qp_solvers.Unsolved:
             self.guard.fallbacks += 1
             self.guard.not_solved += 1
             zero = np.clip(np.zeros_like(self.guard.u_min), self.guard.u_min, self.guard.u_max)

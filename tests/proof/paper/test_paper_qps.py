@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from tests.proof.paper.paper_qps import (
+from tests.support.control_cases import drawn, gains_of
+from tests.support.paper_qps import (
     PAPER_QPS,
     TaskTerms,
     actuated_rows,
     lyapunov,
     tip,
 )
-from tests.proof.paper.solvers import LeastNorm, Quadprog, unknowns
-from tests.support.control_cases import drawn, gains_of
+from tests.support.qp_solvers import LeastNorm, Quadprog, unknowns
 
 
 @pytest.mark.parametrize("r", [3, 6])

@@ -19,7 +19,6 @@ from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.twin.plant_errors import PlantErrors
 from tests.proof import reproduce
 from tests.proof.paper.altered_states import Linked, wrong_sign
-from tests.proof.paper.paper_qps import clf_qp
 from tests.proof.paper.reference_laws import make_law
 from tests.proof.paper.reproduction import (
     CHANGES,
@@ -27,7 +26,8 @@ from tests.proof.paper.reproduction import (
     changed,
     parse,
 )
-from tests.support.printed import printed, solve_quadprog, with_input
+from tests.support.exact_qps import printed, solve_quadprog, with_input
+from tests.support.paper_qps import clf_qp
 from tests.support.refused import refused
 
 ROBOTS = ("finger", "helix", "spirob")

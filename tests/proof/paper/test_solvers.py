@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.proof.paper.paper_qps import PAPER_QPS, PrintedLaw, clf_qp
-from tests.proof.paper.solvers import (
+from tests.support.control_cases import drawn, gains_of, recorded
+from tests.support.exact_qps import printed
+from tests.support.paper_qps import PAPER_QPS, PrintedLaw, clf_qp
+from tests.support.qp_solvers import (
     LeastNorm,
     Quadprog,
     Scs,
 )
-from tests.support.control_cases import drawn, gains_of, recorded
-from tests.support.printed import printed
 
 
 def test_least_norm_of_the_clf_qp_costs_nothing_and_is_no_longer():

@@ -3,7 +3,6 @@
 - `step_time`: one step, its parts, the floor below it, the paper's stack; rounds
 - `recording`: closed-loop states on which steps are timed
 - `step_report`, `step_figures`: tables, the machine, and the figure of the parts
-- `hostile`: states and references with numbers that no sensor should send
 - `comparison`, `checkout`: this checkout against another, in alternating processes
-- `step_scaling`, `chains`, `growth`: the step by the size of a robot
+- `step_scaling`, `growth`: the step by the size of a robot
 """

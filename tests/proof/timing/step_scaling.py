@@ -13,9 +13,9 @@ import softdyn
 from softdyn import SoftModel
 from softdyn.controllers import Gains, SoftIdClfQp
 from softdyn.validation.loop import setups
-from tests.proof.timing.chains import chain_urdf
 from tests.proof.timing.recording import record
 from tests.proof.timing.step_time import Subject, measure
+from tests.support.long_chains import chain_urdf
 
 JOINTS, INPUTS = (4, 8, 16, 27, 48, 72, 100, 150, 200), (1, 2, 3, 6, 9, 12, 16, 24)
 FIXED_INPUTS, FIXED_JOINTS = 3, 48  # along the other axis

@@ -24,9 +24,9 @@ from softdyn.compiled import COMPILES
 from softdyn.dynamics import tree as engine
 from softdyn.dynamics.projection import Projection, underlying_tree
 from softdyn.tasks import PointTask
-from tests.proof.paper.paper_qps import PAPER_QPS, PrintedLaw
-from tests.proof.paper.solvers import Scs, Unsolved
 from tests.proof.timing.recording import RecordedStates
+from tests.support.paper_qps import PAPER_QPS, PrintedLaw
+from tests.support.qp_solvers import Scs, Unsolved
 
 SAMPLES = 10_000  # timed steps of a controller on a robot, for a 99.9th percentile of ten
 STACK_STATES = 12

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.proof.timing import step_scaling
-from tests.proof.timing.chains import chain_urdf
 from tests.proof.timing.step_scaling import chain
+from tests.support.long_chains import chain_urdf
 
 
 @pytest.mark.parametrize(("joints", "inputs"), [(1, 1), (4, 2), (7, 3), (48, 24), (200, 3)])

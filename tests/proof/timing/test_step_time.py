@@ -9,12 +9,13 @@ import pytest
 
 import softdyn
 from softdyn.controllers import BEYOND, CONTROLLERS, SoftIdClfQp
-from tests.proof.paper.paper_qps import PAPER_QPS, PrintedLaw
-from tests.proof.paper.solvers import Scs
+from tests.proof import hostile
 from tests.proof.throughput import throughput
 from tests.proof.timing.recording import record
 from tests.proof.timing.step_time import Subject, measure
 from tests.support.command import proof
+from tests.support.paper_qps import PAPER_QPS, PrintedLaw
+from tests.support.qp_solvers import Scs
 
 CONTRACT = {
     "robot", "controller", "median_us", "p99_us", "p999_us", "floor_us", "stack_us", "ratio",
@@ -110,3 +111,11 @@ def test_throughput(finger):
     parts = ("setup", "state", "controller", "mujoco", "bookkeeping")
     assert sum(row[f"{part}_s"] for part in parts) == pytest.approx(row["wall_s"])
     assert row["times_real_time"] == pytest.approx(0.2 / row["wall_s"])
+
+
+def test_the_benchmark_of_the_worst_step(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--robots", "finger", "--controllers", "ic", "--rounds", "1"]
+    assert hostile.main(arguments) in (0, 1)  # the time is a measurement, not a test
+    out = capsys.readouterr().out
+    assert out.startswith("robot ")
+    assert "0 answers not finite or out of bounds" in out

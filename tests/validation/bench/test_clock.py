@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from softdyn.validation.bench.clock import Deadlines, TimeSource
-from tests.support.benched import Hands
+from tests.support.bench import Hands
 
 
 @pytest.fixture

@@ -9,10 +9,11 @@ import pytest
 from softdyn import InputError
 from softdyn.validation import Log, files
 from softdyn.validation.bench import drive as driving
-from tests.support.benched import ARM, benched, tower
+from tests.support.bench import bench_arm, tower
 from tests.support.command import command
+from tests.support.robots import BENCH
 
-NEAR = "from tests.support.benched import NearDriver\n"
+NEAR = "from tests.support.bench import NearDriver\n"
 BAD = "class Mute:\n    def __init__(self, model): pass\n"
 LAW = (
     "from types import SimpleNamespace\n"
@@ -29,11 +30,11 @@ LAW = (
 @pytest.fixture
 def rig(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    Path("arm.urdf").write_text(ARM)
+    Path("arm.urdf").write_text(BENCH)
     Path("near.py").write_text(NEAR)
     Path("bad.py").write_text(BAD)
     Path("law.py").write_text(LAW)
-    rig = tower(benched())
+    rig = tower(bench_arm())
     made = partial(driving.Drive, watchdog=False, source=rig.hands.source)
     monkeypatch.setattr(driving, "Drive", made)
     return rig

@@ -19,7 +19,7 @@ from softdyn.validation import Log, drive, simulate
 from softdyn.validation.bench.drive import Drive
 from softdyn.validation.bench.fail_safe import SURE, FailSafe, RigLimits, StopCause
 from softdyn.validation.bench.plant import RealRig
-from tests.support.benched import NearDriver, benched, tower
+from tests.support.bench import NearDriver, bench_arm, tower
 from tests.support.refused import refused
 
 PERIOD = 0.005
@@ -27,7 +27,7 @@ PERIOD = 0.005
 
 @pytest.fixture(scope="module")
 def model():
-    return benched()
+    return bench_arm()
 
 
 @pytest.fixture

@@ -16,8 +16,8 @@ import pytest
 
 from softdyn.validation import Log
 from tests.support import PATIENCE
-from tests.support.benched import ARM
 from tests.support.forked import forked
+from tests.support.robots import BENCH
 
 OWN = """
 import os, signal, sys, threading, time
@@ -109,7 +109,7 @@ class End:
 
 def drive(folder: Path, *more: str, duration: float = 1.0, closed=(), **places: str) -> End:
     """Hold the arm for some periods of 0.2 s, with code of the driver by the place's name."""
-    (folder / "arm.urdf").write_text(ARM)
+    (folder / "arm.urdf").write_text(BENCH)
     (folder / "own.py").write_text(OWN)
     for name in ("out", "spare"):
         (folder / name).mkdir()

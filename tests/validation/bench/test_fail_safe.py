@@ -14,14 +14,14 @@ from softdyn.description.rig import Actuator
 from softdyn.validation.bench.driver import NewestReadings
 from softdyn.validation.bench.fail_safe import FailSafe, RigLimits, Stop, StopCause
 from softdyn.validation.bench.plant import SOONEST, SeeingObserver
-from tests.support.benched import benched
+from tests.support.bench import bench_arm
 
 NAN = math.nan
 
 
 @pytest.fixture(scope="module")
 def model():
-    return benched()
+    return bench_arm()
 
 
 def test_a_repeated_stamp_and_a_value_that_is_not_finite_bring_no_reading():

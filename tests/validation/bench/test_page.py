@@ -15,13 +15,13 @@ from softdyn.commands import drive as serving
 from softdyn.validation import Log
 from softdyn.validation.bench import drive as driving
 from softdyn.validation.bench import zeroing
-from tests.support.benched import NearDriver, tower
+from tests.support.bench import NearDriver, tower
 from tests.support.command import command
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = (ROOT / "docs/bench.md").read_text(encoding="utf-8")
 ZEROS = (ROOT / "docs/zeros.md").read_text(encoding="utf-8")
-NEAR = "from tests.support.benched import NearDriver as ServedRig\n"
+NEAR = "from tests.support.bench import NearDriver as ServedRig\n"
 
 
 def shown(words: str, page: str = PAGE) -> list[str]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.faulty import fault
 from tests.support.forked import forked
+from tests.support.rig_processes import fault
 
 SLOW = ("--period", "1", "--ramp", "0", "--missed", "100", "--stale", "60", "--lost", "1000")
 

@@ -13,7 +13,7 @@ from softdyn.description.rig import CommandKind
 from softdyn.examples.served_rig import ServedRig as Client
 from softdyn.validation.bench.served import Faults, ServedRig
 from tests.support import PATIENCE
-from tests.support.benched import benched, tower
+from tests.support.bench import bench_arm, tower
 from tests.support.refused import refused
 
 NAN = np.nan
@@ -29,7 +29,7 @@ BAD = (
 
 @pytest.fixture(scope="module")
 def model():
-    return benched()
+    return bench_arm()
 
 
 @pytest.fixture

@@ -20,30 +20,21 @@ from softdyn.validation.bench import zeroing
 from softdyn.validation.bench.drive import Drive
 from softdyn.validation.bench.fail_safe import RigLimits, Stop, StopCause
 from softdyn.validation.bench.zeroing import Zeroing, ZeroSettings, _Sweep, zero_drive
-from tests.support.benched import JOINT, LINK, NearDriver, tower
+from tests.support.bench import NearDriver, tower
 from tests.support.command import command
 from tests.support.refused import refused
+from tests.support.robots import cable, motor, two_links
 
-SITES = """<site link="base" xyz="-0.02 0 {z}"/><site link="upper" xyz="0.1 0 {z}"/>
-<site link="fore" xyz="0.15 0 {z}"/>"""
-WINCH = 'gear="-1" lower="0" upper="30" command="length" stiffness="900" damping="4" lag="0.02"'
-ARM = f"""<robot name="wound">{LINK.format(name="base")}
-{LINK.format(name="upper")}{LINK.format(name="fore")}<link name="tip"/>
-{JOINT.format(name="shoulder", parent="base", child="upper", x=0)}
-{JOINT.format(name="elbow", parent="upper", child="fore", x=0.2)}
-<joint name="end" type="fixed"><parent link="fore"/><child link="tip"/>
-<origin xyz="0.2 0 0"/></joint>
-<softdyn version="1">
-<tendon name="below">{SITES.format(z=-0.03)}</tendon>
-<tendon name="above"><joint name="shoulder" coef="-0.03"/></tendon>
-<actuator name="flexor" tendon="below" {WINCH}/>
-<actuator name="lifter" tendon="above" {WINCH}/>
-<task frame="tip"/>
-<sensor name="wire" type="length" tendon="below" noise="5e-4"/>
-<sensor name="cord" type="length" tendon="above" noise="5e-4"/>
-<sensor name="pull" type="tension" tendon="below" noise="0.2"/>
-<sensor name="lift" type="tension" tendon="above" noise="0.2"/>
-</softdyn></robot>"""
+WINCH = {"command": "length", "stiffness": 900, "damping": 4, "lag": 0.02}
+ARM = two_links(
+    "wound", cable("below", "base -0.02 0 -0.03", "upper 0.1 0 -0.03", "fore 0.15 0 -0.03"),
+    cable("above", "shoulder -0.03"), motor("below", 0, 30, -1, "flexor", **WINCH),
+    motor("above", 0, 30, -1, "lifter", **WINCH), '<task frame="tip"/>',
+    '<sensor name="wire" type="length" tendon="below" noise="5e-4"/>',
+    '<sensor name="cord" type="length" tendon="above" noise="5e-4"/>',
+    '<sensor name="pull" type="tension" tendon="below" noise="0.2"/>',
+    '<sensor name="lift" type="tension" tendon="above" noise="0.2"/>',
+)  # fmt: skip
 OFFSETS, BIASES = (0.02, -0.02), (0.007, -0.004)
 PERIOD = 0.01
 
@@ -338,7 +329,7 @@ def test_what_cannot_be_zeroed(change, settings, said):
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("arm.urdf").write_text(ARM)
-    Path("near.py").write_text("from tests.support.benched import NearDriver\n")
+    Path("near.py").write_text("from tests.support.bench import NearDriver\n")
 
     def served(true):
         rig = tower(true)

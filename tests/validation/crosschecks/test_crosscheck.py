@@ -21,39 +21,23 @@ from softdyn.validation.crosschecks.crosscheck import (
 from softdyn.validation.crosschecks.result import CrossCheck, TrajectoryRun
 from softdyn.validation.crosschecks.trajectories import damping_couples_branches, rates_of
 from softdyn.validation.twin.twin import Twin
-from tests.proof.crosschecks.random_robots import write_robot
+from tests.support import robots
 from tests.support.command import command
+from tests.support.random_robots import write_robot
 from tests.support.refused import refused
+from tests.support.robots import SOLID, spring
 
-SOLID = (
-    '<inertial><origin xyz="0.05 -0.02 0.1" rpy="0.3 -0.8 2"/><mass value="0.7"/>'
-    '<inertia ixx="2e-3" ixy="1e-4" ixz="-2e-4" iyy="3e-3" iyz="3e-4" izz="4e-3"/></inertial>'
-)
-POINT = (
-    '<inertial><origin xyz="0 0.1 0.2"/><mass value="0.4"/>'
-    '<inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>'
-)
+POINT = robots.inertial(0.4, "0 0.1 0.2", 0)
 
 
 def link(name: str, body: str = SOLID) -> str:
-    return f'<link name="{name}">{body}</link>'
+    return robots.tag("link", body, name=name)
 
 
 def joint(name: str, kind: str, parent: str, child: str, more: str = "", **place: str) -> str:
-    limit = '<limit lower="-0.8" upper="1.1" effort="1" velocity="1"/>'
-    xyz, rpy = place.get("xyz", "0.1 0.2 -0.3"), place.get("rpy", "0.4 -1.1 2.5")
-    return (
-        f'<joint name="{name}" type="{kind}"><origin xyz="{xyz}" rpy="{rpy}"/>'
-        f'<parent link="{parent}"/><child link="{child}"/>'
-        f'<axis xyz="{place.get("axis", "0 1 0")}"/>{more}'
-        f"{'' if kind in ('fixed', 'continuous') else limit}</joint>"
-    )
-
-
-def spring(name: str, stiffness: float = 2.0, rest: float = 0.3) -> str:
-    return (
-        f'<gazebo reference="{name}"><springStiffness>{stiffness}</springStiffness>'
-        f"<springReference>{rest}</springReference></gazebo>"
+    place = {"at": "0.1 0.2 -0.3", "rpy": "0.4 -1.1 2.5"} | place
+    return robots.joint(
+        name, parent, child, kind=kind, limit=(-0.8, 1.1), effort=1, inside=more, **place
     )
 
 
@@ -73,8 +57,8 @@ MICRO = {
     "no axis element": (
         link("base")
         + link("a")
-        + joint("j", "revolute", "base", "a").replace('<axis xyz="0 1 0"/>', "")
-        + spring("j")
+        + joint("j", "revolute", "base", "a", axis=None)
+        + spring("j", 2.0, 0.3)
     ),
     "massless chain": (
         link("base")
@@ -82,7 +66,7 @@ MICRO = {
         + link("h2", "")
         + link("a")
         + joint("c", "revolute", "base", "h1", DAMPER, axis="0 0 1")
-        + joint("b", "prismatic", "h1", "h2", axis="0 1 0", xyz="0 0 0")
+        + joint("b", "prismatic", "h1", "h2", axis="0 1 0", at="0 0 0")
         + joint("a", "continuous", "h2", "a", axis="1 0 0", rpy="0 0 0")
     ),
     "massless link that branches": (
@@ -151,9 +135,7 @@ MICRO = {
 
 
 def write(folder: Path, body: str, name: str = "robot") -> Path:
-    path = folder / f"{name}.urdf"
-    path.write_text(f'<robot name="micro">{body}</robot>', encoding="utf-8")
-    return path
+    return robots.write(folder, robots.robot("micro", body), f"{name}.urdf")
 
 
 @pytest.fixture
@@ -210,11 +192,8 @@ def test_damping_that_couples_branches_is_compared_with_runge_kutta(tmp_path):
 
 def test_how_fast_a_falling_rod_moves(tmp_path):
     """A horizontal rod falls with q̈ = m g l / (I + m l²), whose square root is the rate."""
-    level = link("base", "") + (
-        '<link name="rod"><inertial><origin xyz="0.1 0 0"/><mass value="2"/>'
-        '<inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>'
-    ) + joint("j", "revolute", "base", "rod", xyz="0 0 0", rpy="0 0 0")  # fmt: skip
-    model = softdyn.load(write(tmp_path, level))
+    level = robots.hinge(2, child="rod", name="j", limit=(-0.8, 1.1), effort=1)
+    model = robots.load(tmp_path, level)
     rates = rates_of(model, model.q0, np.zeros(1))
     assert rates.motion == pytest.approx((2 * 9.81 * 0.1 / (1e-3 + 2 * 0.1**2)) ** 0.5)
     assert (rates.damping, rates.damped) == (0.0, False)
@@ -242,7 +221,7 @@ FAULTY = (
     + joint("shoulder", "revolute", "base", "arm", '<dynamics damping="0.06" friction="0.2"/>')
     + spring("shoulder", 2.0, 0.3)
     + joint("wrist", "revolute", "arm", "hand", '<dynamics damping="0.01"/>', axis="1 0 0")
-    + joint("tip_joint", "fixed", "hand", "tip", xyz="0.21 0.1 0")
+    + joint("tip_joint", "fixed", "hand", "tip", at="0.21 0.1 0")
     + '<softdyn version="1"><joint name="wrist" armature="0.004"/>'
     + '<tendon name="flexor"><joint name="shoulder" coef="0.5"/></tendon>'
     + '<tendon name="cable"><site link="base" xyz="0.5 0 0"/><site link="hand" xyz="0 0.3 0"/>'
@@ -441,10 +420,8 @@ def chain(count: int, *, length: float, shrink: float = 1.0, stiffness: float = 
         mass = 1000 * math.pi / 400 * rod**3
         moment = mass * rod**2 / 12
         text += (
-            f'<link name="l{k}"><inertial><origin xyz="{rod / 2} 0 0"/><mass value="{mass}"/>'
-            f'<inertia ixx="{0.1 * moment}" iyy="{moment}" izz="{moment}" ixy="0" ixz="0" iyz="0"/>'
-            "</inertial></link>"
-            + joint(f"j{k}", "revolute", f"l{k - 1}", f"l{k}", xyz=f"{offset} 0 0", rpy="0 0 0",
+            robots.link(f"l{k}", mass, f"{rod / 2} 0 0", f"{0.1 * moment} {moment} {moment}")
+            + joint(f"j{k}", "revolute", f"l{k - 1}", f"l{k}", at=f"{offset} 0 0", rpy="0 0 0",
                     axis=("0 1 0", "0 0 1")[k % 2])
             + spring(f"j{k}", stiffness * shrink ** (4 * (k - 1)), 0.0)
         )  # fmt: skip

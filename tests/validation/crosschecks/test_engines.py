@@ -9,7 +9,7 @@ from lxml import etree
 from softdyn.commands import compare as command
 from softdyn.validation import compare
 from softdyn.validation.crosschecks.engines import engine_errors, side_by_side
-from tests.support import micro, pair_robots
+from tests.support import pair_robots, robots
 from tests.support.command import command as shell
 from tests.support.refused import refused
 
@@ -64,7 +64,7 @@ def test_a_floating_base(tmp_path):
     from softdyn.validation.mjcf.export import write_mjcf
 
     source, target = tmp_path / "walker.urdf", tmp_path / "walker.xml"
-    source.write_text(micro.FLOATING)
+    source.write_text(robots.WALKER)
     write_mjcf(source, target, floating=True)
     found = side_by_side(source, target, samples=2)
     assert found.passed, found
@@ -85,11 +85,8 @@ def test_the_command_asks_both_engines(pair, capsys):
 
 
 def test_one_degree_of_freedom(tmp_path):
-    inertial = "<mass value='1'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/>"
-    (tmp_path / "a.urdf").write_text(
-        f"<robot name='r'><link name='w'/><link name='l'><inertial>{inertial}</inertial></link>"
-        "<joint name='j' type='continuous'><parent link='w'/><child link='l'/></joint></robot>"
-    )
+    text = robots.hinge(1, None, 1, name="j", child="l", axis=None, kind="continuous")
+    (tmp_path / "a.urdf").write_text(text)
     (tmp_path / "b.xml").write_text(
         "<mujoco><worldbody><body name='l'><joint name='j' axis='1 0 0'/><inertial pos='0 0 0' "
         "mass='1' diaginertia='1 1 1'/></body></worldbody></mujoco>"
@@ -116,30 +113,31 @@ def test_a_file_in_which_nothing_moves(tmp_path):
     assert max(engine_errors(still, samples=1).values()) == 0.0
 
 
-ARM = """<robot name="arm"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 -0.1"/>
-<mass value="0.2"/><inertia ixx="7e-4" iyy="7e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>
-</link><joint name="hip" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
-<limit lower="-1.5" upper="1.5" effort="20" velocity="9"/><dynamics damping="0.02"/></joint>
-<softdyn version="1"><tendon name="drive" {spring}><joint name="hip" coef="{coef}"/></tendon>
-<actuator name="motor" tendon="drive" gear="{gear}" lower="-1" upper="1"/></softdyn></robot>"""
+def arm(coef: float = 1, gear: float = 2, **spring: float) -> str:
+    return robots.hinge(
+        0.2, "0 0 -0.1", "7e-4 7e-4 1e-4", name="hip", limit=(-1.5, 1.5), effort=20, damping=0.02,
+        path=[f"hip {coef}"], pull=(-1, 1), gear=gear, tendon=spring, drive={"name": "motor"},
+    )  # fmt: skip
+
+
 MOTOR = """<mujoco><compiler angle="radian"/><worldbody><site name="a" pos="0.1 0 0"/>
 <body name="arm"><inertial pos="0 0 -0.1" mass="0.2" diaginertia="7e-4 7e-4 1e-4"/>
 <joint name="hip" axis="0 1 0" range="-1.5 1.5" limited="true" damping="0.02"/>
 <site name="b" pos="0.02 0 -0.1"/></body></worldbody>
 <tendon>{tendon}</tendon><actuator><motor name="motor" joint="hip" gear="2" ctrlrange="-1 1"/>
 </actuator></mujoco>"""
-CABLE = '<spatial name="cable"><site site="a"/><site site="b"/></spatial>'
+CABLE = '<spatial name="rope"><site site="a"/><site site="b"/></spatial>'
 OTHER = '<fixed name="other" stiffness="3"><joint joint="hip" coef="5"/></fixed>'
 
 
 @pytest.mark.parametrize("tendon", ["", CABLE, OTHER])
 @pytest.mark.parametrize(
-    ("coef", "gear", "spring"), [(1, 2, ""), (-4, -0.5, ""), (1, 2, 'stiffness="3" damping="1"')]
+    ("coef", "gear", "spring"), [(1, 2, {}), (-4, -0.5, {}), (1, 2, {"stiffness": 3, "damping": 1})]
 )
 def test_a_motor_on_a_joint_against_a_tendon_over_it(tmp_path, tendon, coef, gear, spring):
     """The MJCF lacks the URDF's tendon, so there is no length to compare, nor its spring."""
     files = tmp_path / "arm.urdf", tmp_path / "arm.xml"
-    files[0].write_text(ARM.format(coef=coef, gear=gear, spring=spring))
+    files[0].write_text(arm(coef, gear, **spring))
     files[1].write_text(MOTOR.format(tendon=tendon))
     assert compare(*files).passed == (not spring and tendon != OTHER)
     found = side_by_side(*files, samples=2)
@@ -157,7 +155,7 @@ def test_a_spring_that_only_the_urdf_gives_to_a_shared_tendon(pair):
 
 def test_the_command_agrees_where_a_motor_is_on_the_joint(tmp_path):
     files = tmp_path / "arm.urdf", tmp_path / "arm.xml"
-    files[0].write_text(ARM.format(coef=1, gear=2, spring=""))
+    files[0].write_text(arm())
     files[1].write_text(MOTOR.format(tendon=""))
     for words in (files, files[::-1]):
         code, out, _ = shell("compare", *words, "--engines", "--samples", "1")

@@ -23,14 +23,14 @@ from softdyn.validation.crosschecks.rigged import (
     RigMotion,
     quantities_of,
 )
-from tests.proof.crosschecks.random_robots import write_robot
-from tests.support import micro, rigged, winched
+from tests.support import rigs, robots
 from tests.support.command import command
+from tests.support.random_robots import write_robot
 
 
 @pytest.fixture
 def arm(tmp_path: Path) -> SoftModel:
-    return softdyn.load(micro.write(tmp_path, winched.ARM))
+    return robots.load(tmp_path, robots.WINCHED)
 
 
 def errors(
@@ -83,7 +83,7 @@ def test_both_engines_have_the_same_rig(arm: SoftModel, make: Any) -> None:
 
 
 def test_a_floating_robot_with_a_rig(tmp_path: Path) -> None:
-    model = softdyn.load(micro.write(tmp_path, winched.ARM), floating=True)
+    model = robots.load(tmp_path, robots.WINCHED, floating=True)
     found = errors(model)
     assert "rigged" in found
     assert max(found.values()) < 1e-11
@@ -91,17 +91,17 @@ def test_a_floating_robot_with_a_rig(tmp_path: Path) -> None:
 
 def test_accelerometers_of_a_robot_with_followers(tmp_path: Path) -> None:
     """MuJoCo's accelerations lack the ties; a trajectory with the rig is not compared."""
-    found = errors(rigged.measured(softdyn.load(micro.write(tmp_path, micro.GRIPPER))))
+    found = errors(rigs.measured(robots.load(tmp_path, robots.GRIPPER)))
     assert list(found) == ["tension", "rigged qdd", "sensors"]
     assert max(found.values()) < 1e-11
 
 
 def test_a_trajectory_with_a_rig_of_a_robot_with_followers(tmp_path: Path) -> None:
     """MuJoCo's forces, activations and delays; the ties and the step are ours."""
-    gripper = softdyn.load(micro.write(tmp_path, micro.GRIPPER))
+    gripper = robots.load(tmp_path, robots.GRIPPER)
     followed = 0
     for seed in range(4):
-        found = errors(rigged.random_rig(gripper, seed), seed=seed)
+        found = errors(rigs.random_rig(gripper, seed), seed=seed)
         followed += "rigged" in found
         assert max(found.values()) < 1e-9
     assert followed
@@ -110,7 +110,7 @@ def test_a_trajectory_with_a_rig_of_a_robot_with_followers(tmp_path: Path) -> No
 def test_random_robots_with_random_rigs(tmp_path: Path) -> None:
     followed = rubbed = 0
     for seed in range(1, 13):
-        model = rigged.random_rig(softdyn.load(write_robot(seed, tmp_path)), seed)
+        model = rigs.random_rig(softdyn.load(write_robot(seed, tmp_path)), seed)
         found = errors(model, seed=seed)
         followed += "rigged" in found
         assert all(found[name] < RIG_TOLERANCES[name] for name in found)

@@ -18,7 +18,7 @@ from softdyn.validation.live.watching import open_watch_page, watch
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.pictures.replay import replay
 from softdyn.validation.loop.settings import RunOptions
-from tests.support import PATIENCE, micro, winched
+from tests.support import PATIENCE, robots
 from tests.support.browser import Browser, required
 from tests.support.forked import forked
 
@@ -315,7 +315,7 @@ def test_sliders_explore_rests(other, tmp_path):
 
 def test_sliders_keep_the_commands_while_a_lag_acts(other, tmp_path):
     """Behind a rig, open loop: the sliders show what was asked for, the numbers what acts."""
-    model = softdyn.load(micro.write(tmp_path, winched.ARM))
+    model = robots.load(tmp_path, robots.WINCHED)
     with play(model, rig=Rig(lag=10.0)) as live:
         other.open(live.url)
         other.until("softdyn.leads && softdyn.frames > 5")

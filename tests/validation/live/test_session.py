@@ -25,9 +25,9 @@ from softdyn.view.live import messages as m
 from softdyn.view.live.frames import Columns
 from softdyn.view.live.messages import OPEN_LOOP
 from softdyn.view.live.pacing import Clock, ClockStatistics
-from tests.support import micro, winched
+from tests.support import robots
 from tests.support.refused import refused
-from tests.support.sensed import sensed
+from tests.support.rigs import sensed
 
 
 @pytest.fixture(scope="module")
@@ -396,7 +396,7 @@ def test_play_takes_gains(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
-    return softdyn.load(micro.write(tmp_path_factory.mktemp("arm"), winched.ARM))
+    return robots.load(tmp_path_factory.mktemp("arm"), robots.WINCHED)
 
 
 def law(state, reference):

@@ -2,14 +2,14 @@
 
 import pytest
 
-from tests.support.cart import CART, DAMPING, STIFFNESS, load
+from tests.support.cart import text
+from tests.support.robots import load
 
 
 @pytest.fixture
 def make_cart(tmp_path):
-    def make(stiffness=STIFFNESS, damping=DAMPING, lower="-20", upper="20"):
-        numbers = {"stiffness": stiffness, "damping": damping, "lower": lower, "upper": upper}
-        return load(tmp_path, CART.format(**numbers))
+    def make(lower=-20, upper=20, **changes):
+        return load(tmp_path, text(lower, upper, **changes))
 
     return make
 

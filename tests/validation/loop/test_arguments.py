@@ -9,9 +9,10 @@ import pytest
 import softdyn
 from softdyn.controllers import Impedance
 from softdyn.validation import Log, paper, rollout, simulate
-from tests.support import ROOT
+from tests.support import ROOT, robots
 from tests.support.cart import TARGET, steer
 from tests.support.refused import refused
+from tests.support.robots import load, slide, spring
 
 FINGER = (ROOT / "urdf" / "finger.urdf").read_text()
 
@@ -38,19 +39,20 @@ def test_degrees_are_told_from_radians():
 
 
 # 0 lies 20 mm below the joint's range
-SLIDE = """<robot name="slide"><link name="base"/><link name="a"><inertial><mass value="0.03"/>
-<inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>
-<joint name="reach" type="prismatic"><parent link="base"/><child link="a"/><axis xyz="0 0 -1"/>
-<limit lower="0.02" upper="0.08" effort="9" velocity="9"/>
-<dynamics damping="0.5" stiffness="60"/></joint>
-<gazebo reference="reach"><springReference>0.05</springReference></gazebo><softdyn version="1">
-<tendon name="t"><joint name="reach" coef="1"/></tendon>
-<actuator name="u" tendon="t" lower="-1" upper="1"/></softdyn></robot>"""
+SLIDE = slide(
+    0.03,
+    1e-4,
+    name="reach",
+    axis="0 0 -1",
+    limit=(0.02, 0.08),
+    damping=0.5,
+    stiffness=60,
+    pull=(-1, 1),
+).replace("</robot>", spring("reach", 60, 0.05) + "</robot>")
 
 
 def test_the_default_start_is_within_the_limits(tmp_path):
-    (tmp_path / "slide.urdf").write_text(SLIDE)
-    model = softdyn.load(tmp_path / "slide.urdf")
+    model = load(tmp_path, SLIDE)
     log = rollout(model, np.zeros(1), 0.1)
     assert log.q[0] == pytest.approx(0.02)
     assert np.abs(log.v[: int(0.002 / log.period) + 1]).max() < 0.14  # not thrown by the stop
@@ -68,8 +70,7 @@ def test_the_default_start_is_within_the_limits(tmp_path):
 def test_a_stiffness_in_other_units_is_doubted(tmp_path):
     text, count = re.subn(r"<springStiffness>[^<]+", "<springStiffness>5e4", FINGER, count=1)
     assert count == 1
-    (tmp_path / "stiff.urdf").write_text(text)
-    model = softdyn.load(tmp_path / "stiff.urdf")
+    model = robots.load(tmp_path, text)
     push = lambda state, reference: np.zeros(2)  # noqa: E731
     with pytest.warns(UserWarning, match=r"'joint1': a stiffness of 50000 swings at .* units"):
         simulate(model, push, TARGET, duration=0.002)

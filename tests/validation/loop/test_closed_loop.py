@@ -14,17 +14,12 @@ from softdyn.controllers import Compensated, Impedance, SoftIdClfQp
 from softdyn.validation import Twin, crosscheck, paper, simulate
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.settings import RunOptions
-from tests.support.cart import DAMPING, LENGTH, MASS, STIFFNESS, TARGET, load, push, steer
+from tests.support.cart import DAMPING, LENGTH, MASS, STIFFNESS, TARGET, push, steer
 from tests.support.refused import refused
+from tests.support.robots import build, hinge
 
 NAN, INF = math.nan, math.inf
-WHEEL = """<robot name="wheel">
-  <link name="base"/>
-  <link name="body"><inertial><origin xyz="0 0 -0.1"/><mass value="0.2"/>
-    <inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>
-  <joint name="turn" type="continuous"><parent link="base"/><child link="body"/>
-    <axis xyz="0 1 0"/></joint>
-</robot>"""
+WHEEL = hinge(0.2, "0 0 -0.1", kind="continuous")
 
 
 def step_response(t, force):
@@ -102,8 +97,8 @@ def test_two_runs_are_the_same(cart):
     np.testing.assert_array_equal(first.u, second.u)
 
 
-def test_a_continuous_joint_without_inputs(tmp_path):
-    model = load(tmp_path, WHEEL)
+def test_a_continuous_joint_without_inputs():
+    model = build(WHEEL)
     q0 = model.configuration(np.array([3.0]))
     nothing = lambda state, reference: SimpleNamespace(u=[])  # noqa: E731
     log = simulate(model, nothing, SetPoint([0, 0, 0]), duration=0.5, period=0.01, q0=q0)

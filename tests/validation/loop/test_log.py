@@ -20,7 +20,7 @@ from softdyn.identification.data import read_csv
 from softdyn.tasks import AxisTask, PointTask, References
 from softdyn.tasks.marks import marks_of
 from softdyn.validation import Log, Rig, paper, simulate
-from tests.support import micro, winched
+from tests.support import robots
 from tests.support.cart import TARGET, steer
 from tests.support.command import command
 from tests.support.logs import assert_same, channel, make_log
@@ -300,7 +300,7 @@ def test_a_log_as_csv_is_what_identify_reads(tmp_path):
 
 
 def test_a_floating_robot_s_log_as_csv(tmp_path):
-    file = micro.write(tmp_path, micro.GRIPPER)
+    file = robots.write(tmp_path, robots.GRIPPER)
     model = softdyn.load(file, floating=True)
     log = simulate(model, lambda *_: SimpleNamespace(u=np.zeros(model.nu)), SetPoint(np.zeros(3)),
                    duration=0.01)  # fmt: skip
@@ -313,7 +313,7 @@ def test_a_floating_robot_s_log_as_csv(tmp_path):
 
 def test_a_rigged_run_as_csv_has_its_commands_and_readings(tmp_path):
     """A winch's command is in metres, and the columns are the log's arrays."""
-    model = softdyn.load(micro.write(tmp_path, winched.ARM))
+    model = robots.load(tmp_path, robots.WINCHED)
     rig = Rig(command="velocity", stiffness=500.0, latency=0.004, noise=1e-4)
     made = simulate(model, lambda state, _: np.full(2, 3.0), SetPoint(np.zeros(3)), duration=0.02,
                     rig=rig)  # fmt: skip

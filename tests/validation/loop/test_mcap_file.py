@@ -18,23 +18,21 @@ from softdyn.validation import Log, rollout, simulate
 from softdyn.validation.bench.drive import Drive
 from softdyn.validation.loop import mcap_file
 from softdyn.validation.loop.mcap_file import save_mcap
-from tests.support.benched import NearDriver, benched, tower
+from tests.support.bench import NearDriver, bench_arm, tower
 from tests.support.command import command
 from tests.support.refused import refused
+from tests.support.robots import cable, joint, link, load, motor, robot
 
-WHEEL = """<robot name="wheel"><link name="body"><inertial><mass value="1"/>
-<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
-<link name="rim"><inertial><mass value="1"/>
-<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
-<joint name="spin" type="continuous"><parent link="body"/><child link="rim"/>
-<origin xyz="0 0 0.5"/><axis xyz="0 1 0"/></joint><softdyn version="1">
-<tendon name="t"><joint name="spin" coef="1"/></tendon>
-<actuator name="u" tendon="t" lower="-9" upper="9"/></softdyn></robot>"""
+WHEEL = robot(
+    "wheel", link("body", 1, None, 1), link("rim", 1, None, 1),
+    joint("spin", "body", "rim", kind="continuous", at="0 0 0.5"),
+    block=(cable("t", "spin 1"), motor("t", -9, 9)),
+)  # fmt: skip
 
 
 def driven() -> Log:
     """A run on a rig, with readings that are late, and periods that are left out."""
-    model = benched()
+    model = bench_arm()
     rig = tower(model)
     run = Drive(
         model, lambda state, reference: np.array([2.0, 1.0]), SetPoint(np.zeros(3)),
@@ -50,9 +48,7 @@ def controlled() -> Log:
 
 def floating(tmp_path: Path) -> Log:
     """A body that turns, with a wheel that passes 180 degrees."""
-    file = tmp_path / "wheel.urdf"
-    file.write_text(WHEEL)
-    model = softdyn.load(file, floating=True)
+    model = load(tmp_path, WHEEL, floating=True)
     v = np.array([0.1, 0.2, 0.3, 0.5, 0.0, 0.4, 40.0])
     return rollout(model, np.array([5.0]), duration=0.1, v0=v)
 

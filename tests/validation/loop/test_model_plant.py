@@ -17,7 +17,7 @@ from softdyn.validation.loop.repeat import compare_runs, experiment_of
 from softdyn.validation.studies.engine.worker import files_of
 from softdyn.validation.studies.sweep_file import read_sweep
 from softdyn.validation.twin.integrators import Integrator
-from tests.support import micro, winched
+from tests.support import robots
 from tests.support.arms import RUBBER, loaded
 
 PULL = {"finger": [0.1, -0.1], "spirob": [2.0, 0.5, 0.0]}
@@ -50,9 +50,9 @@ def test_away_from_stops_its_steps_are_the_twins(name):
 
 def test_followers_continuous_joints_and_bases_move_as_in_the_twin(tmp_path):
     """Mimic joints of the twin are tied stiffly, and its base has velocities in other axes."""
-    gripper = softdyn.load(micro.write(tmp_path, micro.GRIPPER))
+    gripper = robots.load(tmp_path, robots.GRIPPER)
     assert apart(gripper, [0.5, 0.5, 0.0], 0.2) < 1e-3
-    walker = softdyn.load(micro.write(tmp_path, micro.FLOATING), floating=True)
+    walker = robots.load(tmp_path, robots.WALKER, floating=True)
     found = [apart(walker, [1.0], 0.2, timestep=h) for h in (5e-4, 2.5e-4)]
     assert found[0] < 1e-5
     assert found[0] / found[1] == pytest.approx(2, rel=0.1)
@@ -68,7 +68,7 @@ def test_of_two_schemes_the_difference_halves_with_the_step():
 
 
 def test_a_joint_stops_at_its_limit_and_leaves_it(tmp_path):
-    model = softdyn.load(micro.write(tmp_path, winched.ARM))
+    model = robots.load(tmp_path, robots.WINCHED)
     rows = np.array([[60.0, 0.0], [0.0, 60.0]])
     log = rollout(model, rows, 1.0, plant="model")
     assert ((model.lower <= log.q) & (log.q <= model.upper)).all()
@@ -86,7 +86,7 @@ def test_an_unstable_explicit_step_is_named():
 
 def test_motors_and_sensors_are_those_of_the_twin(tmp_path):
     """Wider limits keep the arm off its stops, where only the twin bounces."""
-    model = softdyn.load(micro.write(tmp_path, winched.ARM.replace("1.2", "3.1")))
+    model = robots.load(tmp_path, robots.WINCHED.replace("1.2", "3.1"))
     sensors = {"camera": {"rate": 50.0, "latency": 0.01}, "wire": {"latency": 0.004}}
     for changes in ({}, {"command": "velocity", "stiffness": 600.0, "rate": 0.5}):
         rig = Rig(sensors=sensors, latency=0.004, **changes)
@@ -107,7 +107,7 @@ def test_motors_and_sensors_are_those_of_the_twin(tmp_path):
 
 
 def test_errors_of_the_plant_are_those_of_the_twin(tmp_path):
-    arm = softdyn.load(micro.write(tmp_path, winched.ARM))
+    arm = robots.load(tmp_path, robots.WINCHED)
     for model, errors in (
         (softdyn.load("finger"), PlantErrors(mass=1.2, stiffness=0.9, damping=1.1, payload=0.02)),
         (arm, PlantErrors(mass={"elbow": 1.5}, stiffness={"shoulder": 1.3, "each": 1.1})),

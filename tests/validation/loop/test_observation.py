@@ -15,9 +15,10 @@ from softdyn.description.urdf_writer import write
 from softdyn.estimation import Ekf, EkfParameters
 from softdyn.identification.data import read_csv
 from softdyn.validation import Log, Rig, paper, simulate
+from tests.support import robots
 from tests.support.command import command as run
 from tests.support.refused import refused
-from tests.support.sensed import sensed
+from tests.support.rigs import sensed
 
 CAMERA = {"rate": 60.0, "latency": 0.03}
 
@@ -112,8 +113,7 @@ def test_refusals():
 
 def test_the_command(tmp_path):
     """`run --rig --observer` with a disturbance, an own class, and a wrong word."""
-    file = tmp_path / "finger.urdf"
-    file.write_text(write(sensed("finger").robot), encoding="utf-8")
+    file = robots.write(tmp_path, write(sensed("finger").robot))
     own = tmp_path / "own.py"
     own.write_text(
         "from softdyn.estimation import Ekf\n"

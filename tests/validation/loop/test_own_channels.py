@@ -16,7 +16,7 @@ from softdyn.controllers import Command, Compensated, JointLimits, LogChannel, S
 from softdyn.validation import Log, simulate
 from softdyn.validation.bench.drive import Drive
 from softdyn.validation.loop.mcap_file import save_mcap
-from tests.support.benched import NearDriver, benched, tower
+from tests.support.bench import NearDriver, bench_arm, tower
 from tests.support.cart import TARGET, steer
 from tests.support.command import command
 from tests.support.refused import refused
@@ -225,7 +225,7 @@ def test_no_such_channel_is_one_line_that_lists_them(run):
 
 
 def test_on_a_rig_a_period_that_is_left_out_repeats_the_last_values():
-    model = benched()
+    model = bench_arm()
     rig = tower(model)
 
     def law(state, reference):

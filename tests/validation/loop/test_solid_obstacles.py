@@ -15,6 +15,7 @@ from softdyn.safety import HalfSpace, KeepOutBox, KeepOutSphere, Surroundings
 from softdyn.validation import Log, Rig, paper, rollout, simulate
 from softdyn.validation.loop.verdict import INSIDE
 from tests.support.refused import refused
+from tests.support.robots import load, slide
 
 GOAL = paper.set_point("finger", theta=0.5)  # (0.127, 0, -0.127) m, from z = 0
 KINDS: dict[str, dict[str, Any]] = {
@@ -41,17 +42,10 @@ def piston(folder: Path, form: str, base: str = "") -> softdyn.SoftModel:
     block = "".join(f"v {x} {y} {z}\n" for x in (-1, 1) for y in (-1, 1) for z in (-1, 1))
     faces = "1 2 4 3,5 7 8 6,1 5 6 2,3 4 8 7,1 3 7 5,2 6 8 4"
     (folder / "block.obj").write_text(block + "".join(f"f {f}\n" for f in faces.split(",")))
-    file = folder / "piston.urdf"
-    file.write_text(
-        f'<robot name="piston"><link name="base">{base}</link><link name="body"><inertial>'
-        f'<mass value="{MASS}"/><inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/>'
-        f'</inertial>{body}</link><joint name="z" type="prismatic"><parent link="base"/>'
-        '<child link="body"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="50"'
-        ' velocity="9"/><dynamics damping="2"/></joint><softdyn version="1">'
-        '<task frame="body"/><tendon name="t"><joint name="z" coef="1"/></tendon>'
-        '<actuator name="u" tendon="t" lower="-50" upper="50" gear="1"/></softdyn></robot>'
-    )
-    return softdyn.load(file)
+    return load(folder, slide(
+        MASS, 1e-4, axis="0 0 1", effort=50, damping=2, pull=(-50, 50), base=base, body=body,
+        block='<task frame="block"/>',
+    ))  # fmt: skip
 
 
 def depth(kind: str, tip: np.ndarray) -> float:

@@ -14,9 +14,9 @@ from softdyn.validation import Twin, compare
 from softdyn.validation.mjcf import export, to_mjcf
 from softdyn.validation.mjcf.comparison.side import neutral
 from softdyn.validation.mjcf.to_urdf import to_urdf
-from tests.proof.crosschecks.wrapped_robots import wrapped_robot
-from tests.support import micro, pair_robots
+from tests.support import pair_robots, robots
 from tests.support.command import command
+from tests.support.wrapped_robots import wrapped_robot
 
 
 @pytest.mark.parametrize("name", ["finger", "helix", "spirob"])
@@ -75,10 +75,10 @@ def test_massless_chains_are_several_joints_of_one_body(tmp_path):
     assert model.body_mass[1:].min() > 1e-4
 
 
-@pytest.mark.parametrize("text", [micro.GRIPPER, micro.FLOATING, pair_robots.URDF])
+@pytest.mark.parametrize("text", [robots.GRIPPER, robots.WALKER, pair_robots.URDF])
 def test_round_trip(tmp_path, text):
-    floating = text is micro.FLOATING
-    source = micro.write(tmp_path, text)
+    floating = text is robots.WALKER
+    source = robots.write(tmp_path, text)
     there, back = tmp_path / "there.xml", tmp_path / "back.urdf"
     result, _ = export.write_mjcf(source, there, floating=floating)
     assert result.passed, str(result)
@@ -99,8 +99,8 @@ def test_a_converted_robot_is_written_as_it_is(tmp_path, name):
     if name == "pair":
         path.write_text(pair_robots.MJCF)
     else:
-        texts = {"gripper": micro.GRIPPER, "walker": micro.FLOATING}
-        source = micro.write(tmp_path, texts[name]) if name in texts else name
+        texts = {"gripper": robots.GRIPPER, "walker": robots.WALKER}
+        source = robots.write(tmp_path, texts[name]) if name in texts else name
         export.write_mjcf(source, path, floating=name == "walker")
     robot = to_urdf(neutral(path), name).robot
     assert parse_text(write(robot), path=path, floating=robot.floating) == robot
@@ -134,31 +134,25 @@ def test_an_inertia_that_no_body_has_becomes_the_nearest_one(tmp_path):
     found = to_mjcf.possible(moments)
     np.testing.assert_allclose(found - moments, [1e-12, 1e-12, -1e-12], rtol=1e-3)
     assert found[0] + found[1] >= found[2]
-    _, lost = one_hinge(tmp_path, 'ixx="1e-3" iyy="2e-3" izz="3.000000003e-3"')
+    _, lost = one_hinge(tmp_path, ixx=1e-3, iyy=2e-3, izz=3.000000003e-3)
     assert ["a + b < c by 1.0e-09 c" in note for note in lost] == [True]
-    assert not one_hinge(tmp_path, 'ixx="0" iyy="1e-18" izz="3e-18"')[1]  # a point
+    assert not one_hinge(tmp_path, iyy=1e-18, izz=3e-18)[1]  # a point
 
 
 def test_an_inertia_that_is_hardly_turned_stays_turned(tmp_path):
     """MuJoCo's compiler merges frames that differ by less than 1e-6."""
     for turn in ("ixy", "ixz", "iyz"):  # one of these has axes along the frame's axes
-        for sense in ("", "-"):
-            moments = f'ixx="1e-3" iyy="2e-3" izz="2.5e-3" {turn}="{sense}4e-10"'
-            result, lost = one_hinge(tmp_path, moments)
+        for product in (4e-10, -4e-10):
+            result, lost = one_hinge(tmp_path, ixx=1e-3, iyy=2e-3, izz=2.5e-3, **{turn: product})
             assert not lost
             assert result.waterfall[0].left["M"] < 1e-14
 
 
-def one_hinge(folder, moments):
+def one_hinge(folder, **moments):
     """Export a hinge about an oblique axis; MuJoCo must load it."""
-    products = "".join(f'{name}="0" ' for name in ("ixy", "ixz", "iyz") if name not in moments)
-    source = folder / "hinge.urdf"
-    source.write_text(
-        '<robot name="r"><link name="world"/><link name="l"><inertial><mass value="1"/>'
-        f'<inertia {products}{moments}/></inertial></link><joint name="j" type="revolute">'
-        '<parent link="world"/><child link="l"/><axis xyz="0.6 0.48 0.64"/>'
-        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
-    )
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    words = " ".join(str(moments.get(name, 0)) for name in names)
+    source = robots.write(folder, robots.hinge(1, None, words, axis="0.6 0.48 0.64"))
     found = export.write_mjcf(source, folder / "out.xml")
     assert mujoco.MjModel.from_xml_path(str(folder / "out.xml")).nv == 1
     return found
@@ -179,7 +173,7 @@ def test_a_motor_on_a_joint_comes_through(tmp_path):
 
 def test_a_fixed_tendon_whose_rest_is_minus_one(tmp_path):
     """MuJoCo reads a springlength of -1 as the length at rest."""
-    source = micro.write(tmp_path, micro.GRIPPER.replace('name="band"', 'name="band" rest="-1"'))
+    source = robots.write(tmp_path, robots.GRIPPER.replace('name="band"', 'name="band" rest="-1"'))
     result, lost = export.write_mjcf(source, tmp_path / "out.xml")
     assert result.passed, str(result)
     assert not lost

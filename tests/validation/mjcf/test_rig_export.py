@@ -17,6 +17,8 @@ from softdyn.validation import Rig, Twin, compare, crosscheck, simulate
 from softdyn.validation.mjcf import export
 from softdyn.validation.mjcf.scene import Scene
 from softdyn.validation.twin.drives import part_name, parts
+from tests.support import robots
+from tests.support.robots import cable, hinge, joint, link, motor, robot, write
 
 RIGS: list[dict[str, Any]] = [
     {"lag": 0.02, "delay": 0.004},
@@ -27,40 +29,30 @@ RIGS: list[dict[str, Any]] = [
 ]
 PASSED = ("lag", "delay", "offset")
 
-ARM = """<robot name="arm"><link name="world"/>
-<link name="upper"><inertial><origin xyz="0.01 0 -0.1"/><mass value="0.3"/>
-<inertia ixx="2e-3" ixy="1e-4" ixz="0" iyy="2e-3" iyz="0" izz="1e-3"/></inertial></link>
-<link name="lower"><inertial><origin xyz="0 0 -0.1"/><mass value="0.2"/>
-<inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>
-<joint name="a" type="revolute"><parent link="world"/><child link="upper"/><axis xyz="0 1 0"/>
-<dynamics damping="0.02"/><limit lower="-2" upper="2" effort="9" velocity="9"/></joint>
-<joint name="b" type="revolute"><parent link="upper"/><child link="lower"/>
-<origin xyz="0 0 -0.2"/><axis xyz="0.6 0.8 0"/><dynamics damping="0.02"/>
-<limit lower="-2" upper="2" effort="9" velocity="9"/></joint>
-<softdyn version="1">
-<tendon name="left" {spring}><site link="world" xyz="0.05 0 0.02"/>
-<site link="upper" xyz="0.05 0 -0.1"/><site link="lower" xyz="0.05 0.01 -0.1"/></tendon>
-<tendon name="right"><site link="world" xyz="-0.05 0 0"/>
-<site link="lower" xyz="-0.05 0 -0.1"/></tendon>
-<tendon name="band" stiffness="2" rest="0.05" slack="true"><joint name="b" coef="-1"/></tendon>
-<actuator name="u1" tendon="left" gear="-2" lower="0" upper="30" {motor}/>
-<actuator name="u2" tendon="right" gear="-1" lower="0" upper="60" {motor}/>
-<sensor name="cable" type="length" tendon="right" latency="0.003"/>
-<sensor name="pull" type="tension" tendon="left"/>
-<sensor name="camera" type="pose" link="lower" xyz="0 0 -0.2" rpy="1 2 3" rate="100"
-  latency="0.01" noise="0.01"/>
-<sensor name="flex" type="bend" link="world" to="lower" rpy="0.3 0.2 0.1"/>
-<sensor name="gyro" type="gyro" link="upper"/><sensor name="encoder" type="joint" joint="b"/>
-</softdyn></robot>"""
-SLACK = 'stiffness="300" rest="0.33" slack="true" damping="{}"'
-
 
 def arm(folder: Path, rig: dict[str, Any], damping: float = 0.0) -> Path:
     """An arm with two cables and a band; both motors have the rig."""
-    motor = " ".join(f'{name}="{value}"' for name, value in rig.items())
-    path = folder / "arm.urdf"
-    path.write_text(ARM.format(spring=SLACK.format(damping), motor=motor), encoding="utf-8")
-    return path
+    slack = {"stiffness": 300, "rest": 0.33, "slack": "true", "damping": damping}
+    return write(folder, robot(
+        "arm", link("world"), link("upper", 0.3, "0.01 0 -0.1", "2e-3 1e-4 0 2e-3 0 1e-3"),
+        link("lower", 0.2, "0 0 -0.1", 1e-3),
+        joint("a", "world", "upper", limit=(-2, 2), damping=0.02),
+        joint("b", "upper", "lower", "0.6 0.8 0", at="0 0 -0.2", limit=(-2, 2), damping=0.02),
+        block=(
+            cable("left", "world 0.05 0 0.02", "upper 0.05 0 -0.1", "lower 0.05 0.01 -0.1",
+                  **slack),
+            cable("right", "world -0.05 0 0", "lower -0.05 0 -0.1"),
+            cable("band", "b -1", stiffness=2, rest=0.05, slack="true"),
+            motor("left", 0, 30, -2, "u1", **rig), motor("right", 0, 60, -1, "u2", **rig),
+            '<sensor name="cable" type="length" tendon="right" latency="0.003"/>'
+            '<sensor name="pull" type="tension" tendon="left"/>'
+            '<sensor name="camera" type="pose" link="lower" xyz="0 0 -0.2" rpy="1 2 3" rate="100"'
+            ' latency="0.01" noise="0.01"/>'
+            '<sensor name="flex" type="bend" link="world" to="lower" rpy="0.3 0.2 0.1"/>'
+            '<sensor name="gyro" type="gyro" link="upper"/>'
+            '<sensor name="encoder" type="joint" joint="b"/>',
+        ),
+    ))  # fmt: skip
 
 
 def test_the_unit_of_a_chamber_is_lost_in_mjcf_kept_in_urdf_and_changes_no_motion(tmp_path):
@@ -118,8 +110,7 @@ def test_friction_of_a_cable_is_lost_in_mjcf_kept_in_urdf_and_compared(tmp_path)
     result, _ = export.write_urdf(rubbing, tmp_path / "again.urdf")
     assert {c.detail for c in result.causes} == {"sensor, only in one file"}
     assert softdyn.parse(tmp_path / "again.urdf").tendons[1].friction == 0.1
-    other = tmp_path / "other.urdf"
-    other.write_text(rubbing.read_text().replace('"0.1"', '"0.2"'))
+    other = robots.write(tmp_path, rubbing.read_text().replace('"0.1"', '"0.2"'), "other.urdf")
     (cause,) = compare(rubbing, other).causes
     assert (cause.kind, cause.where, cause.one_sided) == ("friction", "right", False)
 
@@ -248,14 +239,14 @@ def test_compare_names_what_differs_in_two_rigs(tmp_path, ours, theirs, detail, 
         assert not result.passed
 
 
-HINGE = """<robot name="hinge"><link name="world"/><link name="l"><inertial>
-<origin xyz="0 0 -0.1"/><mass value="0.2"/><inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0"
-izz="1e-3"/></inertial></link><joint name="h" type="revolute"><parent link="world"/>
-<child link="l"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="0" velocity="9"/></joint>
-<softdyn version="1"><tendon name="t"><joint name="h" coef="{coef}"/></tendon>
-<actuator name="w" tendon="t" gear="-1" lower="0" upper="30" command="length"
-  stiffness="{k}" damping="{d}" length_lower="-0.1" length_upper="0.3"/>
-</softdyn></robot>"""
+def winch(coef: float, k: float, d: float) -> str:
+    drive = {"name": "w", "command": "length", "stiffness": k, "damping": d}
+    return hinge(
+        0.2, "0 0 -0.1", name="h", child="l", limit=(-2, 2), effort=0, path=[f"h {coef}"],
+        pull=(0, 30), gear=-1, drive={**drive, "length_lower": -0.1, "length_upper": 0.3},
+    )  # fmt: skip
+
+
 SERVO = """<mujoco><compiler autolimits="true" angle="radian"/><worldbody><body name="l">
 <inertial pos="0 0 -0.1" mass="0.2" diaginertia="1e-3 1e-3 1e-3"/>
 <joint name="h" axis="0 1 0" range="-2 2"/></body></worldbody><actuator>
@@ -270,7 +261,7 @@ def test_a_winch_over_one_joint_is_compared_with_a_servo_on_it(tmp_path, coef):
     low, high = sorted((-0.1 / coef, 0.3 / coef))
     servo = {"gear": -coef, "gain": -k * coef, "slope": -k, "brake": -d, "low": low, "high": high}
     for stiffness, same in ((k, True), (1.5 * k, False)):
-        ours.write_text(HINGE.format(coef=coef, k=stiffness, d=d), encoding="utf-8")
+        ours.write_text(winch(coef, stiffness, d), encoding="utf-8")
         theirs.write_text(SERVO.format(**servo), encoding="utf-8")
         found = [c for c in compare(ours, theirs).causes if c.kind == "actuator"]
         units = [] if coef == 1.0 else ["unit"]
@@ -284,41 +275,23 @@ def test_compare_of_sensors(tmp_path):
     (noise,) = (c for c in compare(source, tmp_path / "arm.xml").causes if c.kind == "feature")
     assert (noise.where, noise.detail) == ("camera", "sensor's noise")
     assert noise.one_sided
-    for old, new, kind, where, detail in (
-        (
-            'type="length" tendon="right"',
-            'type="tension" tendon="right"',
-            "feature",
-            "cable",
-            "sensor",
-        ),
-        (
-            'type="length" tendon="right"',
-            'type="length" tendon="left"',
-            "feature",
-            "cable",
-            "sensor",
-        ),
-        ('joint="b"/>\n', 'joint="a"/>\n', "feature", "encoder", "sensor"),
+    kind, place = 'type="length" tendon="right"', 'xyz="0 0 -0.2" rpy="1'
+    for old, new, *cause in (
+        (kind, 'type="tension" tendon="right"', "feature", "cable", "sensor"),
+        (kind, 'type="length" tendon="left"', "feature", "cable", "sensor"),
+        ('type="joint" joint="b"', 'type="joint" joint="a"', "feature", "encoder", "sensor"),
         ('latency="0.003"', 'latency="0.004"', "feature", "cable", "sensor's latency"),
         ('rate="100"', 'rate="50"', "feature", "camera", "sensor's rate"),
-        (
-            'xyz="0 0 -0.2" rpy="1',
-            'xyz="0 0 -0.1" rpy="1',
-            "frame",
-            "sensor:camera",
-            "100 mm apart",
-        ),
+        (place, place.replace("0.2", "0.1"), "frame", "sensor:camera", "100 mm apart"),
     ):
         text = source.read_text()
         assert text.count(old) == 1
         other.write_text(text.replace(old, new))
         export.write_mjcf(other, tmp_path / "other.xml", shapes=False)
         for file in (other, tmp_path / "other.xml"):
-            found = [c for c in compare(source, file).causes if not c.one_sided]
-            assert [
-                (c.kind, c.where, c.detail) for c in found if c.kind in ("feature", "frame")
-            ] == [(kind, where, detail)]
+            causes = [c for c in compare(source, file).causes if not c.one_sided]
+            found = [c for c in causes if c.kind in ("feature", "frame")]
+            assert [[c.kind, c.where, c.detail] for c in found] == [cause]
     other.write_text(source.read_text().replace('name="gyro"', 'name="spin"'))
     found = [c for c in compare(source, other).causes if c.kind == "feature"]
     assert [(c.where, c.one_sided) for c in found] == [("gyro", True), ("spin", True)]

@@ -17,10 +17,10 @@ from softdyn.validation.mjcf.comparison.side import Side
 from softdyn.validation.report.drawing import RobotDrawing
 from softdyn.validation.report.pair_page import ALONE, DIFFERS, PLAIN, VALUES, pair_page
 from softdyn.view.scene import Figure
-from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support import ROOT, pair_robots
 from tests.support.command import command as shell
-from tests.support.terms import forward_kinematics
+from tests.support.neutral_terms import forward_kinematics
+from tests.support.wrapped_robots import wrapped_robot
 
 SCENE = ROOT / "docs/examples/finger_scene.xml"
 BALLS = """<mujoco><worldbody><body name="a" pos="1 2 3" euler="10 20 30">

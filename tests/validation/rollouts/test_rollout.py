@@ -11,16 +11,16 @@ import softdyn
 from softdyn import InputError
 from softdyn.validation import Integrator, Log, Rig, rollout, rollouts
 from softdyn.validation.rollouts import threads
-from tests.support.cart import CART, DAMPING, LENGTH, MASS, STIFFNESS, load
+from tests.support.cart import DAMPING, LENGTH, MASS, STIFFNESS, text
 from tests.support.command import command
 from tests.support.logs import assert_same
 from tests.support.refused import refused
+from tests.support.robots import load, slide
 
 
 @pytest.fixture(scope="module")
 def cart(tmp_path_factory):
-    numbers = {"stiffness": STIFFNESS, "damping": DAMPING, "lower": "-20", "upper": "20"}
-    return load(tmp_path_factory.mktemp("cart"), CART.format(**numbers))
+    return load(tmp_path_factory.mktemp("cart"), text(-20, 20))
 
 
 @pytest.fixture(scope="module")
@@ -279,15 +279,11 @@ def test_a_file_is_held_row_by_row(cart, tmp_path):
 
 
 # a cable pulls a cart round a corner of 90 degrees; a spring holds what friction leaves of it
-ROPE = """<robot name="rope"><link name="base"/><link name="cart"><inertial><mass value="0.1"/>
-<inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>
-<joint name="slide" type="prismatic"><parent link="base"/><child link="cart"/>
-<origin xyz="0.3 0 0"/><axis xyz="1 0 0"/>
-<limit lower="-0.15" upper="0.15" effort="9" velocity="9"/>
-<dynamics damping="8" stiffness="200"/></joint><softdyn version="1">
-<tendon name="rope" friction="0.2" driven="first"><site link="base" xyz="0 0 0.2"/>
-<site link="base" xyz="0 0 0"/><site link="cart" xyz="0 0 0"/></tendon>
-<actuator name="pull" tendon="rope" gear="-1" lower="0" upper="20"/></softdyn></robot>"""
+ROPE = slide(
+    0.1, 1e-4, at="0.3 0 0", limit=(-0.15, 0.15), damping=8, stiffness=200,
+    pull=(0, 20), gear=-1, path=("base 0 0 0.2", "base 0 0 0", "block 0 0 0"),
+    tendon={"friction": 0.2, "driven": "first"},
+)  # fmt: skip
 
 
 def test_friction_is_that_of_cables_too(tmp_path):
@@ -313,22 +309,16 @@ def test_options_without_use_say_so(cart, tmp_path):
 
 # -- commands of motors instead of forces ----------------------------------------------------------
 
-HOIST = """<robot name="hoist"><link name="base"/><link name="load"><inertial><mass value="0.2"/>
-<inertia ixx="1e-5" ixy="0" ixz="0" iyy="1e-5" iyz="0" izz="1e-5"/></inertial></link>
-<joint name="drop" type="prismatic"><parent link="base"/><child link="load"/>
-<origin xyz="0 0 -0.3"/><axis xyz="0 0 -1"/>
-<limit lower="-0.2" upper="0.4" effort="9" velocity="9"/><dynamics damping="3"/></joint>
-<softdyn version="1"><tendon name="rope"><site link="base" xyz="0 0 0"/>
-<site link="load" xyz="0 0 0"/></tendon>
-<actuator name="winch" tendon="rope" gear="-1" lower="0" upper="30" {motor}/></softdyn></robot>"""
-WINCH = 'command="{}" stiffness="500" damping="5" length_lower="0.1" length_upper="1"'
 STRETCH = 0.2 * 9.81 / 500
 
 
 def hoist(folder, motor):
-    path = folder / "hoist.urdf"
-    path.write_text(HOIST.format(motor=WINCH.format(motor) if motor != "force" else ""))
-    return softdyn.load(path)
+    winch = {"stiffness": 500, "damping": 5, "length_lower": 0.1, "length_upper": 1}
+    drive = {"command": motor, **winch} if motor != "force" else {}
+    return load(folder, slide(
+        0.2, 1e-5, axis="0 0 -1", at="0 0 -0.3", limit=(-0.2, 0.4), damping=3, pull=(0, 30),
+        gear=-1, path=("base 0 0 0", "block 0 0 0"), drive={"name": "winch", **drive},
+    ))  # fmt: skip
 
 
 def test_free_lengths_in_open_loop(tmp_path):

@@ -20,6 +20,7 @@ from softdyn.validation.studies.engine.case import Case, number_text
 from tests.support import PATIENCE, ROOT, SCRIPTS
 from tests.support.command import command, of_itself
 from tests.support.refused import refused
+from tests.support.robots import finger
 from tests.support.sweeps import wait_for
 
 SCRIPT = SCRIPTS / "benchmark.py"
@@ -63,20 +64,6 @@ class Interrupts(Push):
             pass
         return super().__call__(state, reference)
 """
-ARM = """<robot name="finger">
-  <link name="base"/>
-  <link name="body"><inertial><mass value="0.1"/>
-    <inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>
-  <link name="tip"/>
-  <joint name="turn" type="revolute"><parent link="base"/><child link="body"/><axis xyz="0 1 0"/>
-    <limit lower="-2" upper="2" effort="1" velocity="1"/><dynamics damping="{damping}"/></joint>
-  <joint name="end" type="fixed"><parent link="body"/><child link="tip"/>
-    <origin xyz="0.2 0 0"/></joint>
-  <softdyn version="1">
-    <tendon name="cable"><joint name="turn" coef="1"/></tendon>
-    <actuator name="u" tendon="cable" gear="1" lower="-5" upper="5"/>
-  </softdyn>
-</robot>"""
 # runs of 0.2 s and less, no set points
 GRID = ["--robots", "finger", "--thetas", "--omegas", "20", "25", "40"]
 CONTROLLERS = ["--controllers", "soft-id-clf-qp", "own.py:Push"]
@@ -88,7 +75,7 @@ def folder(tmp_path, monkeypatch):
     """A user's folder as the working directory."""
     (tmp_path / "own.py").write_text(OWN)
     (tmp_path / "neighbour.py").write_text("FORCE = 0.25\n")
-    (tmp_path / "arm.urdf").write_text(ARM.format(damping=0.05))
+    (tmp_path / "arm.urdf").write_text(finger())
     monkeypatch.chdir(tmp_path)
     for name in ("own", "neighbour"):
         monkeypatch.delitem(sys.modules, name, raising=False)
@@ -346,7 +333,7 @@ def test_a_changed_robot_redoes_its_cases_alone(call, folder):
     grid = ["--robots", "finger", "arm.urdf", "--controllers", "own.py:Push", *GRID[2:]]
     assert call(*grid, "--out", "out")[0] == 0
     before = {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in Path("out/runs").rglob("*.json")}
-    Path("arm.urdf").write_text(ARM.format(damping=0.02))
+    Path("arm.urdf").write_text(finger(damping=0.02))
     assert call(*grid, "--out", "out")[0] == 0
     changed = [p for p in before if p.stat().st_mtime_ns != before[p][0]]
     assert {p.parent.parent.name for p in changed} == {"arm"}

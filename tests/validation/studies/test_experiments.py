@@ -10,8 +10,8 @@ import pytest
 import softdyn
 from softdyn import Ellipse, InputError, OutOfReach, SetPoint
 from softdyn.validation import paper
-from tests.support.micro import FLOATING, write
 from tests.support.refused import refused
+from tests.support.robots import WALKER, write
 
 LENGTH = {"finger": 0.24, "helix": 0.45, "spirob": 0.50, "spirob48": 0.50}
 PERIOD = {"finger": 0.005, "helix": 0.0075, "spirob": 0.002, "spirob48": 0.002}
@@ -152,7 +152,7 @@ def test_a_robot_without_length_has_targets_only():
 
 def test_only_a_fixed_base_limits_the_reach(tmp_path):
     """A floating robot goes where it likes, and one without a length has no reach to leave."""
-    far, file = [90.0, 0.0, 0.0], write(tmp_path, FLOATING)
+    far, file = [90.0, 0.0, 0.0], write(tmp_path, WALKER)
     with refused("target", by=OutOfReach):
         paper.experiment(softdyn.load(file), target=far)
     assert paper.experiment(softdyn.load(file, floating=True), target=far).theta is None

@@ -12,11 +12,11 @@ import softdyn
 from softdyn import SoftModel, statics
 from softdyn.actuation import Capstan
 from softdyn.description.robot import PathEnd
-from softdyn.loading import load_text
 from softdyn.validation import Rig, Twin, crosscheck, rollout
-from tests.proof.crosschecks.wrapped_robots import wrapped_robot
+from tests.support.cable_chains import random_arm
 from tests.support.refused import refused
-from tests.support.rubbing import random_arm
+from tests.support.robots import build, changed, slide
+from tests.support.wrapped_robots import wrapped_robot
 
 
 def rubbing(name: str, mu: float = 0.1) -> SoftModel:
@@ -94,27 +94,17 @@ def test_a_rig_refuses_impossible_friction(wrong: object) -> None:
         Rig(friction=wrong)  # type: ignore[arg-type]
 
 
-HOIST = """\
-<robot name="hoist"><link name="world"/>
-  <link name="load"><inertial><mass value="0.5"/>
-    <inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="lift" type="prismatic"><parent link="world"/><child link="load"/>
-    <axis xyz="0 0 1"/><limit lower="-0.3" upper="0.3" effort="1" velocity="1"/>
-    <dynamics damping="2"/></joint>
-  <softdyn version="1">
-    <tendon name="rope" friction="0.25"><site link="world" xyz="-0.02 0 -0.2"/>
-      <cylinder link="world" xyz="0 0 0.5" axis="0 1 0" radius="0.02" side="0 0 0.6"/>
-      <site link="load" xyz="0.02 0 0"/></tendon>
-    <actuator name="pull" tendon="rope" gear="-1" lower="0" upper="30"/>
-  </softdyn>
-</robot>
-"""
+PIN = '<cylinder link="base" xyz="0 0 0.5" axis="0 1 0" radius="0.02" side="0 0 0.6"/>'
+HOIST = slide(
+    0.5, 1e-4, axis="0 0 1", limit=(-0.3, 0.3), damping=2, pull=(0, 30), gear=-1,
+    path=("base -0.02 0 -0.2", PIN, "block 0.02 0 0"), tendon={"friction": 0.25},
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(("own", "mu"), [("", 0.25), ('friction="0" ', 0.0)])
 def test_a_rope_over_a_pin_lifts_a_load_beyond_euler_s_pull(own: str, mu: float) -> None:
     """Between weight / e^(μπ) and weight · e^(μπ) it sticks; over a pulley it follows at once."""
-    model = load_text(HOIST.replace('radius="0.02" ', f'radius="0.02" {own}'), path=Path("h.urdf"))
+    model = build(changed(HOIST, ('radius="0.02" ', f'radius="0.02" {own}')))
     weight, factor = 0.5 * 9.81, np.exp(mu * np.pi)
     cases = (factor * 1.05, 1), (factor / 1.05, 0), (1.05 / factor, 0), (0.95 / factor, -1)
     for pull, moves in cases:

@@ -20,28 +20,20 @@ from softdyn.validation.loop.log import Log
 from softdyn.validation.twin.readings import Readings
 from softdyn.validation.twin.state_map import StateMap
 from tests.support.refused import refused
-
-MASS = """<robot name="mass">
-<link name="base"/><link name="block"><inertial><mass value="2"/>
-<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
-<joint name="slide" type="prismatic"><parent link="base"/><child link="block"/><axis xyz="1 0 0"/>
-<dynamics damping="0" stiffness="30"/><limit lower="-9" upper="9" effort="1" velocity="1"/></joint>
-<softdyn version="1"><tendon name="cable" {spring}>
-<joint name="slide" coef="1"/></tendon>
-<actuator name="u" tendon="cable" gear="-2" lower="0" upper="40" {motor}/></softdyn></robot>"""
+from tests.support.robots import build, slide
 
 
-def robot(tmp_path: Any, spring: str = "", motor: str = "") -> softdyn.SoftModel:
+def robot(cable: dict[str, object] | None = None, **motor: object) -> softdyn.SoftModel:
     """A mass of 2 kg on a slide with a spring of 30 N/m, and a cable against its motion."""
-    path = tmp_path / "mass.urdf"
-    path.write_text(MASS.format(spring=spring, motor=motor), encoding="utf-8")
-    return softdyn.load(path)
+    return build(slide(
+        2, limit=(-9, 9), stiffness=30, pull=(0, 40), gear=-2, tendon=cable, drive=motor
+    ))  # fmt: skip
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.004, 0.0041])
-def test_a_lag_answers_a_step_as_its_closed_form(tmp_path: Any, delay: float) -> None:
+def test_a_lag_answers_a_step_as_its_closed_form(delay: float) -> None:
     """The acting input is 1 - e^(-t/λ); MuJoCo rounds the delay up to whole steps of 1 ms."""
-    model = robot(tmp_path, motor=f'lag="0.02" delay="{delay}"')
+    model = robot(lag=0.02, delay=delay)
     twin = Twin(model, rig=True, timestep=1e-3)
     twin.hold(np.zeros(1), np.zeros(1))
     for _ in range(60):
@@ -51,9 +43,9 @@ def test_a_lag_answers_a_step_as_its_closed_form(tmp_path: Any, delay: float) ->
         assert twin.data.actuator_force[0] == pytest.approx(1 - math.exp(-since / 0.02), abs=1e-12)
 
 
-def test_a_slack_cable_catches_the_mass_with_its_energy(tmp_path: Any) -> None:
+def test_a_slack_cable_catches_the_mass_with_its_energy() -> None:
     """The cable acts beyond 0.1 m only: ½ m v² = ½ 30 x² + ½ 800 (x - 0.1)² at the turn."""
-    model = robot(tmp_path, spring='stiffness="800" rest="0.1" slack="true"')
+    model = robot({"stiffness": 800, "rest": 0.1, "slack": "true"})
     twin = Twin(model, timestep=1e-4, integrator="rk4")
     twin.set_state(np.zeros(1), np.array([3.0]))
     farthest = 0.0
@@ -65,10 +57,9 @@ def test_a_slack_cable_catches_the_mass_with_its_energy(tmp_path: Any) -> None:
     assert energy == pytest.approx(0.5 * 2 * 9.0, rel=1e-5)
 
 
-def test_a_winch_holds_its_static_tension(tmp_path: Any) -> None:
+def test_a_winch_holds_its_static_tension() -> None:
     """k (x - c) balances the spring: x = k c / (k + 30), tension 30 |x|; u = T / 2."""
-    motor = 'command="length" stiffness="500" damping="40"'
-    twin = Twin(robot(tmp_path, motor=motor), rig=True)
+    twin = Twin(robot(command="length", stiffness=500, damping=40), rig=True)
     for _ in range(40):
         twin.advance(np.array([-0.2]), 400)
     x = 500 * -0.2 / 530
@@ -77,7 +68,7 @@ def test_a_winch_holds_its_static_tension(tmp_path: Any) -> None:
 
 
 @pytest.mark.parametrize("damping", [0.0, 7.0])
-def test_the_model_and_the_twin_have_the_same_tensions(tmp_path: Any, damping: float) -> None:
+def test_the_model_and_the_twin_have_the_same_tensions(damping: float) -> None:
     """Of a winch and a slack tendon, at random states: u, q̈, K, D, B and all sensors' values."""
     base = softdyn.load("spirob")
     tendons = tuple(

@@ -12,9 +12,9 @@ from softdyn import InputError, SetPoint
 from softdyn.dynamics import Wrench
 from softdyn.validation import Rig, Twin, crosscheck, rollout, simulate
 from softdyn.validation.crosschecks import trajectories
-from tests.support import micro, winched
+from tests.support import robots
 
-ARM = winched.ARM.replace("1.2", "3.1")  # it stays off its stops
+ARM = robots.WINCHED.replace("1.2", "3.1")  # it stays off its stops
 
 
 class Drag:
@@ -82,7 +82,7 @@ def test_a_hundred_times_that_on_arms(name):
 
 @pytest.mark.parametrize("scheme", ["implicitfast", "rk4"])
 def test_twin_and_model_take_the_same_steps(scheme, tmp_path):
-    dry = softdyn.load(micro.write(tmp_path, ARM))
+    dry = robots.load(tmp_path, ARM)
     wet = dry.with_forces(Water(), Wrench("tip", force=[0, 0, 0.5]))
     ours, twins, dry = (
         rollout(model, [6.0, 0.0], 0.1, integrator=scheme, **plant)
@@ -93,7 +93,7 @@ def test_twin_and_model_take_the_same_steps(scheme, tmp_path):
 
 
 def test_the_steps_are_of_first_order_and_of_fourth(tmp_path):
-    wet = softdyn.load(micro.write(tmp_path, ARM)).with_forces(Water())
+    wet = robots.load(tmp_path, ARM).with_forces(Water())
     for scheme, ratio in (("implicitfast", 2.0), ("rk4", 16.0)):
         ends = [
             rollout(wet, [6.0, 0.0], 0.08, integrator=scheme, timestep=h, period=0.004).q[-1]
@@ -104,7 +104,7 @@ def test_the_steps_are_of_first_order_and_of_fourth(tmp_path):
 
 
 def test_a_force_that_is_zero_changes_nothing(tmp_path):
-    model = softdyn.load(micro.write(tmp_path, winched.ARM))
+    model = robots.load(tmp_path, robots.WINCHED)
     for rig in (None, Rig()):
         ends = [
             rollout(one, [10.0, 5.0], 0.1, rig=rig).q for one in (model, model.with_forces(Drag(0)))
@@ -113,10 +113,10 @@ def test_a_force_that_is_zero_changes_nothing(tmp_path):
 
 
 def test_followers_and_floating_bases_feel_it(tmp_path):
-    gripper = softdyn.load(micro.write(tmp_path, micro.GRIPPER)).with_forces(Drag(1.0))
+    gripper = robots.load(tmp_path, robots.GRIPPER).with_forces(Drag(1.0))
     logs = [rollout(gripper, [0.5, 0.5, 0], 0.1, **plant) for plant in ({}, {"plant": "model"})]
     assert np.abs(logs[0].q - logs[1].q).max() < 1e-3
-    walker = softdyn.load(micro.write(tmp_path, micro.FLOATING), floating=True)
+    walker = robots.load(tmp_path, robots.WALKER, floating=True)
     far = []
     for h in (5e-4, 2.5e-4):
         wet = walker.with_forces(Water())
@@ -140,7 +140,7 @@ def test_a_force_too_stiff_for_the_step_is_refused_with_the_step_that_does(schem
 
 
 def test_motors_that_lag_and_fourth_order_are_refused(tmp_path):
-    model = softdyn.load(micro.write(tmp_path, winched.ARM)).with_forces(Drag())
+    model = robots.load(tmp_path, robots.WINCHED).with_forces(Drag())
     with pytest.raises(InputError) as caught:
         rollout(model, [10.0, 5.0], 0.1, rig="file", integrator="rk4")
     assert caught.value.name == "integrator"
@@ -162,7 +162,7 @@ def test_the_crosscheck_takes_it_as_given_and_holds_derivatives_against_differen
 ):
     for name, value in (("HORIZON", 0.04), ("HORIZON_UNDAMPED", 0.01), ("RUNG_STEPS", 16)):
         monkeypatch.setattr(trajectories, name, value)
-    gripper = softdyn.load(micro.write(tmp_path, micro.GRIPPER))
+    gripper = robots.load(tmp_path, robots.GRIPPER)
     for model in (softdyn.load("finger").with_forces(Drag(), Spring(2.0)),
                   gripper.with_forces(Drag(1.0))):  # fmt: skip
         found = crosscheck(model, samples=2)

@@ -13,16 +13,16 @@ from softdyn.description.rig import Sensor, SensorKind
 from softdyn.validation import Rig, Twin, rollout
 from softdyn.validation.twin.readings import Readings
 from softdyn.validation.twin.state_map import StateMap
-from tests.proof.crosschecks.random_robots import write_robot
-from tests.support import cart, micro, winched
-from tests.support.micro import FLOATING, write
-from tests.support.rigged import measured, wound
+from tests.support import cart, robots
+from tests.support.random_robots import write_robot
+from tests.support.rigs import measured, wound
+from tests.support.robots import WALKER, write
 
 
 @pytest.mark.parametrize("source", [*range(1, 16), 16, 19, 23, "floating"], ids=str)
 def test_the_model_and_the_twin_read_the_same(source, tmp_path) -> None:
     if source == "floating":
-        base = softdyn.load(write(tmp_path, FLOATING), floating=True)
+        base = softdyn.load(write(tmp_path, WALKER), floating=True)
     else:
         base = softdyn.load(write_robot(source, tmp_path))
     model = measured(wound(base))
@@ -54,12 +54,11 @@ def test_the_model_and_the_twin_read_the_same(source, tmp_path) -> None:
             assert errors[rows].max() <= 1e-10 * scale, sensor
 
 
-def test_a_late_camera_begins_with_the_start_and_reads_at_its_rate(tmp_path) -> None:
+def test_a_late_camera_begins_with_the_start_and_reads_at_its_rate() -> None:
     """In a plane, one coordinate is constant; its noise is new in each reading all the same."""
-    text = cart.CART.format(stiffness=8, damping=0.3, lower=-1, upper=1)
     camera = """<sensor name="camera" type="position" link="tip" noise="1e-3" rate="50"
-        latency="0.03"/></softdyn>"""
-    model = cart.load(tmp_path, text.replace("</softdyn>", camera))
+        latency="0.03"/>"""
+    model = cart.cart(-1, 1, block=camera)
     rig = Rig(seed=1)
     log = rollout(model, np.ones(1), 2.0, period=0.002, timestep=5e-4, q0=np.array([0.3]), rig=rig)
     seen = log.measured
@@ -73,7 +72,7 @@ def test_a_late_camera_begins_with_the_start_and_reads_at_its_rate(tmp_path) -> 
 
 
 def test_errors_of_a_pose_turn_about_the_sensors_own_axes(tmp_path) -> None:
-    model = softdyn.load(micro.write(tmp_path, winched.ARM))
+    model = robots.load(tmp_path, robots.WINCHED)
     camera = Sensor("camera", SensorKind.POSE, link="tip", noise=(0, 0, 0, 0.1, 0, 0),
                     bias=(0, 0, 0, 0, 0, 0.3))  # fmt: skip
     twin = Twin(Rig(sensors=(camera,)).robot(model.robot), rig=True)

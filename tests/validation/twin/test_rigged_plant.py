@@ -11,14 +11,14 @@ from softdyn.actuation import Winches
 from softdyn.validation import Rig, simulate
 from softdyn.validation.twin.rig import RiggedPlant
 from softdyn.validation.twin.twin import Twin
-from tests.support import micro, winched
+from tests.support import robots
 from tests.support.control_cases import robot
 from tests.support.refused import refused
 
 
 def test_an_ideal_rig_is_no_rig_to_the_bit_at_the_stops_too(tmp_path) -> None:
     """Also for a file with a rig, which `file=False` leaves out."""
-    model = softdyn.load(micro.write(tmp_path, winched.ARM))
+    model = robots.load(tmp_path, robots.WINCHED)
     pull = lambda state, _: np.array([60.0, 0.0] if state.q[0] < 1 else [0.0, 60.0])  # noqa: E731
     plain, same, rigged = (
         simulate(model, pull, SetPoint(np.zeros(3)), duration=1.0, rig=rig)
@@ -72,7 +72,7 @@ def test_the_plant_gets_the_delayed_input_in_the_middle_of_a_period() -> None:
 
 
 def test_a_velocity_leads_to_the_free_length_in_one_period(tmp_path) -> None:
-    model, period = softdyn.load(micro.write(tmp_path, winched.ARM)), 0.01
+    model, period = robots.load(tmp_path, robots.WINCHED), 0.01
     rig = Rig(command="velocity", stiffness=600.0, lag=0.0, delay=0.0)
     plant = RiggedPlant(rig, model, period, timestep=5e-4)
     state = model.state(np.array([0.2, -0.1]), np.array([0.5, 0.3]))

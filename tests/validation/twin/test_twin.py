@@ -13,49 +13,23 @@ import pytest
 import softdyn
 from softdyn import UrdfError
 from softdyn.validation.twin.twin import SimulationError, Twin
-from tests.proof.crosschecks.random_robots import write_robot
+from tests.support import robots
+from tests.support.random_robots import write_robot
 from tests.support.refused import refused
-
-LIMIT = '<limit lower="-3" upper="3" effort="1" velocity="1"/>'
 
 
 def urdf(folder: Path, body: str, block: str = "") -> Path:
     """A file with these elements and this <softdyn> block."""
-    path = folder / "robot.urdf"
-    path.write_text(
-        f'<robot name="micro">{body}<softdyn version="1">{block}</softdyn></robot>',
-        encoding="utf-8",
-    )
-    return path
+    return robots.write(folder, robots.robot("micro", body, block=block))
 
 
 def link(name: str, mass: float = 0.0, moments: str = "0 0 0", com: str = "0 0 0") -> str:
-    """A link; no <inertial> without mass."""
-    if not mass:
-        return f'<link name="{name}"/>'
-    xx, yy, zz = moments.split()
-    return (
-        f'<link name="{name}"><inertial><origin xyz="{com}"/><mass value="{mass!r}"/>'
-        f'<inertia ixx="{xx}" ixy="0" ixz="0" iyy="{yy}" iyz="0" izz="{zz}"/></inertial></link>'
-    )
+    return robots.link(name, mass or None, com, moments)
 
 
-def joint(
-    name: str,
-    parent: str,
-    child: str,
-    kind: str = "revolute",
-    axis: str = "0 1 0",
-    xyz: str = "0 0 0",
-    more: str = "",
-    limit: str = LIMIT,
-) -> str:
+def joint(name: str, parent: str, child: str, kind: str = "revolute", **place: object) -> str:
     """A joint; revolute and prismatic ones with wide limits."""
-    return (
-        f'<joint name="{name}" type="{kind}"><origin xyz="{xyz}"/><parent link="{parent}"/>'
-        f'<child link="{child}"/><axis xyz="{axis}"/>{more}'
-        f"{'' if kind in ('fixed', 'continuous') else limit}</joint>"
-    )
+    return robots.joint(name, parent, child, kind=kind, **{"limit": (-3, 3), **place})
 
 
 def mass_matrix(twin: Twin) -> np.ndarray:
@@ -99,8 +73,8 @@ def test_massless_link_that_branches(tmp_path):
 def test_fixed_links_are_lumped_even_when_one_alone_is_unphysical(tmp_path):
     body = link("base") + link("arm", 1.0, "0.1 0.1 0.1") + joint("j", "base", "arm")
     body += link("odd", 0.0) + link("impossible", 0.5, "-0.01 0.02 0.02", com="0.1 0 0")
-    body += joint("f1", "arm", "odd", "fixed", xyz="0.2 0 0")
-    body += joint("f2", "odd", "impossible", "fixed", xyz="0 0.3 0")
+    body += joint("f1", "arm", "odd", "fixed", at="0.2 0 0")
+    body += joint("f2", "odd", "impossible", "fixed", at="0 0.3 0")
     twin = Twin(urdf(tmp_path, body))
     assert twin.model.nbody == 2
     assert mass_matrix(twin)[0, 0] == pytest.approx(0.1 + 0.02 + 0.5 * 0.3**2, rel=1e-15)
@@ -108,8 +82,8 @@ def test_fixed_links_are_lumped_even_when_one_alone_is_unphysical(tmp_path):
 
 def test_root_of_any_name_with_inertia_and_a_moving_link_called_world(tmp_path):
     body = link("plinth", 50.0, "1 1 1") + link("mount", 5.0, "1 1 1") + link("world", 1.0)
-    body += joint("f", "plinth", "mount", "fixed", xyz="0.1 0.2 0.3")
-    body += joint("slide", "mount", "world", "prismatic", axis="0 0 2", xyz="0 0 0.4")
+    body += joint("f", "plinth", "mount", "fixed", at="0.1 0.2 0.3")
+    body += joint("slide", "mount", "world", "prismatic", axis="0 0 2", at="0 0 0.4")
     twin = Twin(urdf(tmp_path, body, '<task frame="world"/>'))
     assert mass_matrix(twin)[0, 0] == 1.0
     twin.set_state([0.25], [0.0])
@@ -154,9 +128,7 @@ def test_nothing_acts_that_the_file_does_not_name(tmp_path):
 
 
 def test_spring_damper_and_armature_of_a_joint(tmp_path):
-    spring = '<gazebo reference="j"><springStiffness>3</springStiffness>'
-    spring += "<springReference>0.5</springReference></gazebo>"
-    body = ARM + joint("j", "base", "arm", more='<dynamics damping="0.7"/>') + spring
+    body = ARM + joint("j", "base", "arm", damping=0.7) + robots.spring("j", 3, 0.5)
     twin = Twin(urdf(tmp_path, body, '<joint name="j" armature="2"/>'), limits=False)
     twin.set_state([0.2], [1.5])
     np.testing.assert_allclose(twin.data.qfrc_spring, 3 * (0.5 - 0.2))
@@ -164,13 +136,12 @@ def test_spring_damper_and_armature_of_a_joint(tmp_path):
     assert mass_matrix(twin)[0, 0] == pytest.approx(0.1 + 0.04 + 2)
 
 
-@pytest.mark.parametrize(("rest", "expected"), [('rest="-1"', -1.0), ("", 0.0), ('rest="2"', 2.0)])
+@pytest.mark.parametrize(("rest", "expected"), [(-1, -1.0), (None, 0.0), (2, 2.0)])
 def test_rest_of_a_fixed_tendon(rest, expected, tmp_path):
     """MuJoCo reads -1 as "the length at the joint springs' rest", which this file does not mean."""
-    spring = '<gazebo reference="j"><springStiffness>0.1</springStiffness>'
-    spring += "<springReference>0.5</springReference></gazebo>"
-    tendon = f'<tendon name="t" stiffness="4" {rest}><joint name="j" coef="2"/></tendon>'
-    twin = Twin(urdf(tmp_path, ARM + joint("j", "base", "arm") + spring, tendon))
+    tendon = robots.cable("t", "j 2", stiffness=4, rest=rest)
+    body = ARM + joint("j", "base", "arm") + robots.spring("j", 0.1, 0.5)
+    twin = Twin(urdf(tmp_path, body, tendon))
     np.testing.assert_array_equal(twin.model.tendon_lengthspring[0], [expected, expected])
     for q in (-1.0, 1.0):  # it acts both ways
         twin.set_state([q], [0.0])
@@ -179,13 +150,11 @@ def test_rest_of_a_fixed_tendon(rest, expected, tmp_path):
 
 
 def test_spatial_tendon_rests_at_its_length_at_zero(tmp_path):
-    path = '<site link="base" xyz="0 0 0.3"/><site link="hand" xyz="0 0 0.3"/>'
     body = ARM + link("hand") + joint("j", "base", "arm")
-    body += joint("f", "arm", "hand", "fixed", xyz="0.4 0 0")
-    body += '<gazebo reference="j"><springStiffness>1</springStiffness>'
-    body += "<springReference>1</springReference></gazebo>"
-    block = f'<tendon name="t" stiffness="4" damping="0.2">{path}</tendon>'
-    block += '<actuator name="u" tendon="t" gear="-3" lower="0" upper="5"/>'
+    body += joint("f", "arm", "hand", "fixed", at="0.4 0 0")
+    body += robots.spring("j", 1, 1)
+    block = robots.cable("t", "base 0 0 0.3", "hand 0 0 0.3", stiffness=4, damping=0.2)
+    block += robots.motor("t", 0, 5, -3)
     twin = Twin(urdf(tmp_path, body, block))
     assert twin.model.tendon_lengthspring[0] == pytest.approx([0.4, 0.4], rel=1e-15)
     assert twin.model.actuator_gear[0, 0] == -3
@@ -194,8 +163,7 @@ def test_spatial_tendon_rests_at_its_length_at_zero(tmp_path):
 
 def test_offsets_below_a_micrometre_count(tmp_path):
     body = link("base") + link("arm", 2.0, "1 1 1", com="3e-07 0 0") + joint("j", "base", "arm")
-    path = '<site link="base" xyz="0.3 0 0"/><site link="arm" xyz="3e-07 0 0"/>'
-    twin = Twin(urdf(tmp_path, body, f'<tendon name="t">{path}</tendon>'))
+    twin = Twin(urdf(tmp_path, body, robots.cable("t", "base 0.3 0 0", "arm 3e-07 0 0")))
     twin.set_state([0.0], [0.0])
     assert twin.data.ten_length[0] == pytest.approx(0.3 - 3e-7, rel=1e-15)
     weight = -twin.model.opt.gravity[2] * 2.0
@@ -203,8 +171,7 @@ def test_offsets_below_a_micrometre_count(tmp_path):
 
 
 def test_input_is_a_force_along_the_tendon_held_to_its_bounds(tmp_path):
-    block = '<tendon name="t"><joint name="j" coef="2"/></tendon>'
-    block += '<actuator name="u" tendon="t" gear="-3" lower="-1" upper="4"/>'
+    block = robots.cable("t", "j 2") + robots.motor("t", -1, 4, -3)
     twin = Twin(urdf(tmp_path, ARM + joint("j", "base", "arm"), block))
     for u, force in ((1.5, 1.5), (9.0, 4.0), (-9.0, -1.0)):
         twin.reset()
@@ -213,9 +180,8 @@ def test_input_is_a_force_along_the_tendon_held_to_its_bounds(tmp_path):
 
 
 def test_input_range_and_limits_of_a_single_point(tmp_path):
-    block = '<tendon name="t"><joint name="j" coef="1"/></tendon>'
-    block += '<actuator name="u" tendon="t" lower="0" upper="0"/>'
-    limit = '<limit effort="1" velocity="1"/>'  # both default to zero
+    block = robots.cable("t", "j 1") + robots.motor("t", 0, 0)
+    limit = None, None  # both default to zero
     twin = Twin(urdf(tmp_path, ARM + joint("j", "base", "arm", limit=limit), block))
     twin.advance([0.0], 1000)
     assert abs(twin.qpos[0]) < 1e-4
@@ -238,7 +204,7 @@ def test_helix_hangs_on_its_stops_only_with_limits():
 
 
 def test_dry_friction_holds_an_arm_only_when_on(tmp_path):
-    body = ARM + joint("j", "base", "arm", more='<dynamics friction="5"/>')
+    body = ARM + joint("j", "base", "arm", inside='<dynamics friction="5"/>')
     held, free = (Twin(urdf(tmp_path, body), friction=on) for on in (True, False))
     for twin in (held, free):
         twin.advance([], 200)
@@ -246,18 +212,14 @@ def test_dry_friction_holds_an_arm_only_when_on(tmp_path):
 
 
 def ball(name: str, size: str = '<sphere radius="0.06"/>') -> str:
-    inertia = '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'
-    return (
-        f'<link name="{name}"><inertial><mass value="1"/>{inertia}</inertial>'
-        f"<collision><geometry>{size}</geometry></collision></link>"
-    )
+    return robots.link(name, 1, None, 0.1, f"<collision><geometry>{size}</geometry></collision>")
 
 
 def test_links_touch_only_with_contacts_and_neighbours_never(tmp_path):
     body = ball("base", '<box size="0.1 0.1 0.1"/>') + ball("a") + link("hub") + ball("b")
     body += ball("c", '<cylinder radius="0.06" length="0.1"/>')
-    body += joint("ja", "base", "a", xyz="0.1 0 0") + joint("jh", "a", "hub", xyz="0 0.1 0")
-    body += joint("jb", "hub", "b", axis="1 0 0") + joint("jc", "b", "c", xyz="-0.1 0 0")
+    body += joint("ja", "base", "a", at="0.1 0 0") + joint("jh", "a", "hub", at="0 0.1 0")
+    body += joint("jb", "hub", "b", axis="1 0 0") + joint("jc", "b", "c", at="-0.1 0 0")
     on, off = (Twin(urdf(tmp_path, body), contacts=contacts) for contacts in (True, False))
     touching = {
         frozenset(on.model.body(on.model.geom_bodyid[geom]).name for geom in contact.geom)
@@ -400,7 +362,7 @@ def test_collision_shapes_have_their_size(tmp_path):
         '<sphere radius="0.07"/>',
     )
     collisions = "".join(f"<collision><geometry>{x}</geometry></collision>" for x in shapes)
-    body = link("base") + link("a", 1.0, "1 1 1").replace("</link>", collisions + "</link>")
+    body = link("base") + robots.link("a", 1, None, 1, collisions)
     twin = Twin(urdf(tmp_path, body + joint("j", "base", "a", "continuous")))
     sizes = {tuple(size) for size in twin.model.geom_size.tolist()}
     assert sizes == {(0.02, 0.15, 0.0), (0.05, 0.1, 0.2), (0.07, 0.0, 0.0)}

@@ -12,9 +12,10 @@ from lxml import etree
 import softdyn
 from softdyn.description.library import find
 from softdyn.validation import compare
-from tests.support import defects, pair_robots
+from tests.support import defects, pair_robots, robots
 from tests.support.command import command
 from tests.support.refused import refused
+from tests.support.robots import slide
 
 KEYS = {"a", "b", "matched", "causes", "residual", "passed"}
 
@@ -137,8 +138,7 @@ def test_a_small_share_of_the_inertia_that_changes_the_acceleration_is_named(tmp
 
 def test_a_link_fixed_to_another_is_named(tmp_path, pair):
     heavier = pair_robots.URDF.replace('<mass value="0.2"/>', '<mass value="0.206"/>')
-    wrong = tmp_path / "heavier.urdf"
-    wrong.write_text(heavier)
+    wrong = robots.write(tmp_path, heavier)
     for good in pair:  # the MJCF has the weight lumped into the arm
         result = compare(wrong, good)
         assert [(c.kind, c.where) for c in result.causes] == [("mass", "weight")]
@@ -289,8 +289,7 @@ def test_bundled_robots(tmp_path, name):
 
 
 def test_an_impossible_inertia_is_repaired_where_asked_for(tmp_path, pair):
-    broken = tmp_path / "broken.urdf"
-    broken.write_text(pair_robots.URDF.replace('ixx="5e-4"', 'ixx="5e-3"'))
+    broken = robots.write(tmp_path, pair_robots.URDF.replace('ixx="5e-4"', 'ixx="5e-3"'))
     with refused(
         '<link name="jaw">',
         "principal moments 0.000299979, 0.0004, 0.005…",
@@ -413,45 +412,43 @@ def test_digits_do_not_excuse_what_two_exact_files_state(tmp_path, pair):
     assert (code, err) == (2, "error: tolerance: expected a finite number >= 0, got -1.0\n")
 
 
-ROPE = """<robot name="rope"><link name="base"/><link name="load"><inertial><mass value="0.4"/>
-<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="lift" type="prismatic"><parent link="base"/><child link="load"/>
-<origin xyz="0.2 0 0"/><axis xyz="0 0 1"/>
-<limit lower="-0.1" upper="0.1" effort="9" velocity="9"/></joint>
-<softdyn version="1"><tendon name="rope">{}</tendon>
-<actuator name="pull" tendon="rope" gear="-1" lower="0" upper="9"/></softdyn></robot>"""
-SITES = ('<site link="base" xyz="-0.2 0 0"/>', '<site link="base" xyz="0 0 0.1"/>',
-         '<site link="load" xyz="0 0 0"/>')  # fmt: skip
+def rope(*sites: str) -> str:
+    """A load on a slide, and a cable over these sites."""
+    place = {"axis": "0 0 1", "at": "0.2 0 0", "limit": (-0.1, 0.1)}
+    drive = {"pull": (0, 9), "gear": -1, "drive": {"name": "pull"}}
+    return slide(0.4, 1e-4, name="lift", child="load", **place, **drive, path=sites)
+
+
+SITES = "base -0.2 0 0", "base 0 0 0.1", "load 0 0 0"
 DRUM = """<mujoco><worldbody><site name="s" pos="-0.2 0 0"/><site name="side" pos="0 0 0.2"/>
 <geom name="drum" type="cylinder" size="0.1 0.01" zaxis="0 1 0" contype="0" conaffinity="0"
 mass="0"/><body name="load" pos="0.2 0 0"><joint name="lift" type="slide" axis="0 0 1"
 range="-0.1 0.1" limited="true"/><inertial pos="0 0 0" mass="0.4" diaginertia="1e-4 1e-4 1e-4"/>
-<site name="h"/></body></worldbody><tendon><spatial name="rope"><site site="s"/>
+<site name="h"/></body></worldbody><tendon><spatial name="cable"><site site="s"/>
 <geom geom="drum" sidesite="side"/><site site="h"/></spatial></tendon>
-<actuator><motor name="pull" tendon="rope" gear="-1" ctrlrange="0 9"/></actuator></mujoco>"""
+<actuator><motor name="pull" tendon="cable" gear="-1" ctrlrange="0 9"/></actuator></mujoco>"""
 
 
 def test_a_site_on_the_straight_way_is_no_difference(tmp_path):
     """Two more sites between two of one link, one of them twice; a third one bends the cable."""
     a, b = tmp_path / "a.urdf", tmp_path / "b.urdf"
-    a.write_text(ROPE.format("".join(SITES)))
+    a.write_text(rope(*SITES))
     idle = '<site link="base" xyz="-0.1 0 0.05"/><site link="base" xyz="-0.05 0 0.075"/>'
-    b.write_text(ROPE.format(SITES[0] + idle + "".join(SITES[1:])))
+    b.write_text(rope(SITES[0], idle, *SITES[1:]))
     for files in ((a, b), (b, a)):
         assert compare(*files, strict=True).passed
-    b.write_text(ROPE.format(SITES[0] + idle.replace("0.05", "0.06") + "".join(SITES[1:])))
+    b.write_text(rope(SITES[0], idle.replace("0.05", "0.06"), *SITES[1:]))
     (cause,) = compare(a, b).causes
     assert (cause.kind, cause.a, cause.b) == ("tendon", "3 sites", "5 sites")
     assert cause.detail.startswith("another number of sites, length ")
     # a site of another link, on the straight way at zero only
-    b.write_text(ROPE.format("".join(SITES[:2]) + '<site link="load" xyz="-0.1 0 0.05"/>'
-                             + SITES[2]))  # fmt: skip
+    b.write_text(rope(*SITES[:2], "load -0.1 0 0.05", SITES[2]))
     assert kinds(compare(a, b)) == {"tendon": 1}
 
 
 def test_a_cable_around_a_shape_is_called_so(tmp_path):
     a, b = tmp_path / "a.urdf", tmp_path / "b.xml"
-    a.write_text(ROPE.format("".join(SITES)))
+    a.write_text(rope(*SITES))
     b.write_text(DRUM)
     (cause,) = [cause for cause in compare(a, b).causes if cause.kind == "tendon"]
     assert (cause.a, cause.b) == ("3 sites", "2 sites, cylinder of radius 0.1")

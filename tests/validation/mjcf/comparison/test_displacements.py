@@ -8,22 +8,20 @@ import numpy as np
 import pytest
 
 from softdyn.validation import compare
+from tests.support import robots
 
-INERTIA = '<inertia ixx="2e-3" ixy="1e-4" ixz="-2e-4" iyy="3e-3" iyz="3e-4" izz="4e-3"/>'
+INERTIA = "2e-3 1e-4 -2e-4 3e-3 3e-4 4e-3"
 
 
 def robot(*joints, root="base", frames="", inertia=INERTIA):
     """URDF text of a chain: name, parent, xyz, rpy, axis, centre of mass."""
-    text = f'<robot name="micro"><link name="{root}"/>{frames}'
-    for name, parent, xyz, rpy, axis, centre in joints:
-        body = f'<origin xyz="{centre}"/><mass value="1"/>{inertia}'
-        text += (
-            f'<link name="{name}"><inertial>{body}</inertial></link>'
-            f'<joint name="{name}_joint" type="revolute"><parent link="{parent}"/>'
-            f'<child link="{name}"/><origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>'
-            '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+    text = robots.link(root) + frames
+    for name, parent, at, rpy, axis, centre in joints:
+        text += robots.link(name, 1, centre, inertia)
+        text += robots.joint(
+            f"{name}_joint", parent, name, axis, at=at, rpy=rpy, limit=(-3, 3), effort=1
         )
-    return f"{text}</robot>"
+    return robots.robot("chain", text)
 
 
 def compared(folder, one, other):

@@ -12,7 +12,8 @@ from softdyn.validation.crosschecks import engines
 from softdyn.validation.mjcf import compiled_fields, export
 from softdyn.validation.mjcf.comparison.finding import force
 from tests.support.command import command
-from tests.support.one_feature import PAIRS, Pair, edited, texts
+from tests.support.mjcf_features import PAIRS, Pair, edited, texts
+from tests.support.robots import cable, hinge
 
 STEPS, HOLD = 30, 7  # in each of the motions, and under one input
 # Every field of the installed MuJoCo except these is read, or has a reason in the table. A new
@@ -84,13 +85,6 @@ def test_the_command_tells_what_a_spring_is(files):
     assert "the files differ: stiffness" in out
 
 
-SPRUNG = """<robot name="r"><link name="base"/><link name="a"><inertial><origin xyz="0 0 -0.1"/>
-<mass value="0.2"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>
-</link><joint name="j" type="{kind}"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
-<limit lower="-0.5" upper="0.8" effort="9" velocity="9"/>
-<dynamics damping="{damping}" stiffness="{stiffness}"/></joint>
-<softdyn version="1"><tendon name="t" stiffness="3" damping="0.2" rest="0">
-<joint name="j" coef="2"/></tendon></softdyn></robot>"""
 POLYNOMIAL = """<mujoco><compiler angle="radian"/><worldbody><body name="a">
 <inertial pos="0 0 -0.1" mass="0.2" diaginertia="1e-4 1e-4 1e-4"/><joint name="j" axis="0 1 0"
 type="{kind}" range="-0.5 0.8" stiffness="{stiffness}" damping="{damping}"/></body></worldbody>
@@ -106,7 +100,10 @@ def sprung(files, kind="hinge", **values):
     stated = {"stiffness": "0.6", "damping": "0.02", "tendon": "3", "brake": "0.2"}
     plain = {"stiffness": values.pop("plain_stiffness", "0.6"), "damping": "0.02"}
     urdf = files[0].with_suffix(".urdf")
-    urdf.write_text(SPRUNG.format(kind=URDF_TYPES[kind], **plain))
+    urdf.write_text(hinge(
+        0.2, "0 0 -0.1", 1e-4, name="j", child="a", kind=URDF_TYPES[kind], limit=(-0.5, 0.8),
+        **plain, block=cable("t", "j 2", stiffness=3, damping=0.2, rest=0),
+    ))  # fmt: skip
     files[1].write_text(POLYNOMIAL.format(kind=kind, **stated | values))
     return urdf, files[1]
 

@@ -22,8 +22,8 @@ from softdyn.validation.mjcf.comparison.dynamics import (
 from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf, from_mjcf
 from softdyn.validation.mjcf.comparison.side import Side, neutral
 from softdyn.validation.mjcf.mjcf_file import read_mjcf
-from tests.support import micro, one_feature
-from tests.support import terms as oracle
+from tests.support import mjcf_features, robots
+from tests.support import neutral_terms as oracle
 from tests.support.refused import refused
 
 WALKER = """
@@ -108,7 +108,7 @@ MASSES = """
 """
 
 
-@pytest.mark.parametrize("text", [WALKER, BALL, MASSES, one_feature.BASE])
+@pytest.mark.parametrize("text", [WALKER, BALL, MASSES, mjcf_features.BASE])
 def test_an_mjcf_against_the_users_own_model_and_the_oracle(tmp_path, text):
     path = tmp_path / "robot.xml"
     path.write_text(text)
@@ -132,7 +132,7 @@ def _as_the_oracle(robot, states):
 )
 def test_inertias_that_mujocos_compiler_refuses_are_measured(tmp_path, mass, moments):
     """Impossible moments (A + B < C), a negligible mass, none at all."""
-    robot = neutral(micro.write(tmp_path, micro.GRIPPER))
+    robot = neutral(robots.write(tmp_path, robots.GRIPPER))
     for k in range(len(robot.parts)):
         body = Inertia(mass, np.array([0.1, 0.2, 0.3]), np.diag(moments))
         changed = replace(robot.parts[k], pieces=(("body", body),), armature=0.0)
@@ -171,11 +171,11 @@ def test_each_file_in_its_own_engine(tmp_path):
     assert errors.keys() == set(QUANTITIES)
     assert max(errors.values()) < 1e-13
     assert max(engine_errors("spirob", samples=3).values()) < 1e-12
-    assert engine_errors(micro.write(tmp_path, micro.GRIPPER)) == {}
+    assert engine_errors(robots.write(tmp_path, robots.GRIPPER)) == {}
 
 
 def test_jacobian_is_the_derivative_of_the_tip(tmp_path):
-    robot = neutral(micro.write(tmp_path, micro.GRIPPER))
+    robot = neutral(robots.write(tmp_path, robots.GRIPPER))
     states = random_states(robot, 2, 0)
     terms = evaluate(robot, states)
     step = 1e-6

@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 from softdyn.validation.mjcf.comparison.side import Side
-from tests.support import micro, pair_robots
+from tests.support import pair_robots, robots
 
 COUNTED = """
 import json, os, sys
@@ -44,7 +44,7 @@ def test_the_command_opens_each_file_once(tmp_path):
 
 
 def test_a_floating_urdf_is_opened_once_too(tmp_path):
-    (tmp_path / "a.urdf").write_text(micro.FLOATING)
+    (tmp_path / "a.urdf").write_text(robots.WALKER)
     root = Side(tmp_path / "a.urdf", floating=True)
     free = Side(tmp_path / "b.xml")
     free.path.write_text(

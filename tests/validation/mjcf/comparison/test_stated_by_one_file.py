@@ -8,12 +8,8 @@ import pytest
 from softdyn.validation import compare
 from softdyn.validation.mjcf import export
 from tests.support.command import command
+from tests.support.robots import cable, hinge, joint, link, motor, robot
 
-PENDULUM = """<robot name="p"><link name="world"/>
-<link name="rod"><inertial><origin xyz="0.1 0 0"/><mass value="0.5"/>
-<inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>
-<joint name="hinge" type="revolute"><parent link="world"/><child link="rod"/>
-<axis xyz="{axis}"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
 OTHER = """<mujoco><compiler angle="radian"/><option {option}></option><worldbody><body name="rod">
 <joint name="hinge" axis="{axis}" range="{range}" {joint}/>
 <inertial pos="0.1 0 0" mass="0.5" diaginertia="1e-3 1e-3 1e-3"/></body></worldbody></mujoco>"""
@@ -33,17 +29,11 @@ ALONE = {
     "water": ({"option": 'density="1000"'}, UP, "fluid"),
     "no stops": ({"option": '><flag limit="disable"/', "range": "-1 1"}, UP, "feature"),
 }
-SUMS = """<robot name="two"><link name="world"/>
-<link name="a"><inertial><origin xyz="0.05 0 0"/><mass value="0.1"/>
-<inertia ixx="2e-4" ixy="0" ixz="0" iyy="2e-4" iyz="0" izz="2e-4"/></inertial></link>
-<link name="b"><inertial><origin xyz="0.05 0 0"/><mass value="0.1"/>
-<inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>
-<joint name="j1" type="revolute"><parent link="world"/><child link="a"/><axis xyz="0 1 0"/>
-<limit lower="-1" upper="1" effort="9" velocity="9"/></joint>
-<joint name="j2" type="revolute"><origin xyz="0.1 0 0"/><parent link="a"/><child link="b"/>
-<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="9" velocity="9"/></joint>
-<softdyn version="1"><tendon name="sum"><joint name="j1" coef="1"/><joint name="j2" coef="1"/>
-</tendon><actuator name="pull" tendon="sum" lower="-2" upper="2"/></softdyn></robot>"""
+SUMS = robot(
+    "two", link("base"), link("a", 0.1, "0.05 0 0", 2e-4), link("b", 0.1, "0.05 0 0", 1e-4),
+    joint("j1", "base", "a"), joint("j2", "a", "b", at="0.1 0 0"),
+    block=(cable("sum", "j1 1", "j2 1"), motor("sum", -2, 2, name="pull")),
+)  # fmt: skip
 SUMMED = """<mujoco><compiler angle="radian"/><worldbody>
 <body name="a"><joint name="j1" axis="0 1 0" range="-1 1"/>
 <inertial pos="0.05 0 0" mass="0.1" diaginertia="2e-4 2e-4 2e-4"/>
@@ -68,7 +58,7 @@ def compared(files, texts, **options):
 
 def pendulum(files, axis, *, strict=False, **changes):
     values = {"option": "", "joint": "", "range": "-1 1"} | changes
-    texts = PENDULUM.format(axis=axis), OTHER.format(axis=axis, **values)
+    texts = hinge(0.5, child="rod", axis=axis), OTHER.format(axis=axis, **values)
     return compared(files, texts, strict=strict)
 
 

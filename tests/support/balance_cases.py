@@ -10,10 +10,9 @@ import softdyn
 from softdyn import SoftModel
 from softdyn.actuation import Winches
 from softdyn.dynamics.balance import Disturbance
+from tests.support import robots
 from tests.support.arms import PROJECTIONS
-from tests.support.micro import write
-from tests.support.rigged import slackened
-from tests.support.winched import ARM
+from tests.support.rigs import slackened
 
 BALANCED = ("finger", "spirob", "slack", "winched", "mimic")
 
@@ -23,7 +22,7 @@ def balanced(name: str, folder: Path) -> SoftModel:
     if name == "mimic":
         return PROJECTIONS["mimic"](folder)
     if name == "winched":
-        return softdyn.load(write(folder, ARM))
+        return robots.load(folder, robots.WINCHED)
     return slackened(softdyn.load("spirob")) if name == "slack" else softdyn.load(name)
 
 

@@ -18,7 +18,8 @@ from scipy.stats import chi2
 from softdyn.examples import served_rig
 from softdyn.validation import Log
 from tests.support import PATIENCE
-from tests.support.benched import ARM, benched
+from tests.support.bench import bench_arm
+from tests.support.robots import BENCH
 
 # the driver, the controller and the observer; each fails on request, and notes when
 OWN = """
@@ -177,7 +178,7 @@ def fault(
 
     The processes are new ones, or forks of this one if `start` is `forked`.
     """
-    (folder / "arm.urdf").write_text(ARM)
+    (folder / "arm.urdf").write_text(BENCH)
     (folder / "own.py").write_text(OWN)
     port = str(free_port())
     more = {"cwd": folder, "stderr": subprocess.PIPE}
@@ -211,7 +212,7 @@ def free_port() -> int:
 
 def _end(rig, loop, kind, port, folder, after) -> Outcome:
     served_rig.PORT = port
-    witness = served_rig.ServedRig(benched())
+    witness = served_rig.ServedRig(bench_arm())
     witness.start()
     begun = wait(lambda: loop.poll() is not None or ask(witness)["sent_at"])
     if kind not in OWN_FAULTS:

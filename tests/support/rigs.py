@@ -8,10 +8,11 @@ from itertools import pairwise
 import numpy as np
 
 import softdyn
-from softdyn import SoftModel
+from softdyn import SetPoint, SoftModel
 from softdyn.description.rig import CommandKind, Sensor
 from softdyn.description.rig import SensorKind as KIND
 from softdyn.description.robot import PathEnd
+from softdyn.validation import Log, Rig, simulate
 
 KINDS = (CommandKind.LENGTH, CommandKind.VELOCITY, CommandKind.FORCE)
 
@@ -107,6 +108,30 @@ def measured(model: SoftModel) -> SoftModel:
     ]
     sensors = [sensors[k] for k in rng.permutation(len(sensors))]
     return _rebuilt(model, tendons=tendons, sensors=tuple(sensors))
+
+
+def turns(model: SoftModel) -> Log:
+    """A run in which the two motors pull in turn."""
+
+    def law(state: object, reference: object) -> np.ndarray:
+        calls.append(1)
+        return np.array([20.0, 0.0] if len(calls) % 100 < 50 else [0.0, 15.0])
+
+    calls: list[int] = []
+    return simulate(model, law, SetPoint(np.zeros(3)), duration=0.4, rig=Rig(latency=0.002))
+
+
+def sensors(model, **camera):
+    """The length of each driven tendon, and the tip from a camera."""
+    names = dict.fromkeys(actuator.tendon for actuator in model.robot.actuators)
+    lengths = [Sensor(name, KIND.LENGTH, tendon=name, noise=(5e-4,)) for name in names]
+    return *lengths, Sensor("camera", KIND.POSITION, link=model.robot.task, noise=(1e-3,), **camera)
+
+
+def sensed(name: str, **camera) -> SoftModel:
+    """A bundled robot with these sensors in its description."""
+    model = softdyn.load(name)
+    return softdyn.build(replace(model.robot, sensors=sensors(model, **camera)), model.bundled)
 
 
 def _rebuilt(model: SoftModel, **parts: object) -> SoftModel:

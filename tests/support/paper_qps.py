@@ -17,7 +17,7 @@ import scipy.linalg
 
 from softdyn import Reference, State
 from softdyn.controllers.gains import Gains
-from tests.proof.paper.solvers import Solver, SolverAnswer, SymbolicQp, Term
+from tests.support.qp_solvers import Solver, SolverAnswer, SymbolicQp, Term
 
 # the only threshold: singular values below this share of the largest count as zero
 RANK_TOLERANCE = 1e-6

@@ -7,7 +7,7 @@ import signal
 from typing import Any
 
 
-def fragile(pipe: Any, bases: list[Any], seed: int) -> None:
+def dying_worker(pipe: Any, bases: list[Any], seed: int) -> None:
     """Answer all numbers except two."""
     pipe.send("ready")
     while True:

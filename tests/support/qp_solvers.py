@@ -1,9 +1,9 @@
 """A QP written in expressions, and the solvers for it.
 
 A solver creates variables, the QP is written in them with NumPy's operators, and the solver solves
-it. quadprog is exact. Its variables are rows with known coefficients (`Affine`). The paper used
-SCS, whose variables are cvxpy's own. Both are extras (``test``, ``bench``) and are imported when a
-solver is made.
+it. quadprog and DAQP are exact. Their variables are rows with known coefficients (`Affine`). The
+paper used SCS, whose variables are cvxpy's own. quadprog and SCS are extras (``test``, ``bench``),
+imported when a solver is made.
 """
 
 from __future__ import annotations
@@ -190,6 +190,32 @@ class Quadprog:
             if found < 1e-12:
                 break
         return answer(qp, best * unit, residual)
+
+
+class Daqp:
+    """Arnström's dual active-set method."""
+
+    variables = staticmethod(unknowns)
+
+    def __init__(self) -> None:
+        self._solve = optional("daqp", "daqp").solve
+
+    def solve(self, qp: SymbolicQp) -> SolverAnswer:
+        """See `Solver`."""
+        p, unit = scaled(matrices(qp))
+        equal, below = len(p.e), len(p.b)
+        upper = np.concatenate((p.e, p.b))
+        lower = np.concatenate((p.e, np.full(below, -1e30)))
+        sense = np.array([5] * equal + [0] * below, np.int32)
+        x, _, flag, info = self._solve(
+            np.ascontiguousarray(p.H), p.g.copy(), np.vstack((p.E, p.A)), upper, lower, sense,
+            primal_tol=1e-12, dual_tol=1e-12, iter_limit=10_000,
+        )  # fmt: skip
+        if flag < 1:
+            raise Unsolved(f"DAQP: exit flag {flag}")
+        x, lam = np.asarray(x), np.asarray(info["lam"])
+        residual = kkt_residual(p, x, lam[:equal], lam[equal:])
+        return answer(qp, x * unit, residual)
 
 
 class LeastNorm:

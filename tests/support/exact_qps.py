@@ -10,9 +10,8 @@ import numpy as np
 
 from softdyn import Reference, State
 from softdyn.controllers import Gains
-from tests.proof.paper.paper_qps import soft_id_clf_qp, tip
-from tests.proof.paper.solvers import Quadprog, SolverAnswer, SymbolicQp, unknowns
-from tests.support.daqp import Daqp
+from tests.support.paper_qps import soft_id_clf_qp, tip
+from tests.support.qp_solvers import Daqp, Quadprog, SolverAnswer, SymbolicQp, unknowns
 
 
 def printed(

@@ -28,7 +28,7 @@ from softdyn.validation.twin.rig import RiggedPlant
 from softdyn.view.rest_sweep import rest_page
 from tests.support import ROOT
 from tests.support.control_cases import drawn, robot
-from tests.support.sensed import sensed
+from tests.support.rigs import sensed
 
 LAWS = {**CONTROLLERS, **BEYOND}
 STILL, PUSH = np.zeros(4), np.full(2, 0.1)

@@ -13,7 +13,7 @@ from softdyn.description.robot import Robot, Site, Tendon, Wrap, poses
 from softdyn.description.urdf import parse_text
 from softdyn.description.urdf_writer import write
 from softdyn.exceptions import UrdfError
-from tests.proof.crosschecks.random_robots import random_urdf
+from tests.support.random_robots import random_urdf
 
 
 def wrapped_robot(seed: int, bodies: int = 4, *, inside: bool = True) -> Robot:
