@@ -73,6 +73,7 @@ parser.add_argument(
     help="as --static, with rows at rest out of data over time: means where the inputs are held "
     "for S seconds (default: 1)",
 )  # fmt: skip
+parser.output("--rows", "FILE", "write the rows of --rests, CSV for --static")
 parser.add_argument("--test", metavar="CSV", help="static data for the test, instead of --hold-out")
 parser.add_argument("--points", metavar="FILE", help="where the markers are, TOML")
 parser.add_argument(
@@ -120,6 +121,7 @@ parser.unused(
     lambda a: a.twin is not None, "--twin makes its own data",
 )  # fmt: skip
 parser.unused("--seeds --step", lambda a: a.excitations, "--excitations fits nothing")
+parser.unused("--rows", lambda a: a.rests is None, "only with --rests")
 parser.unused("--hold-out", lambda a: a.test, "--test has the data of the test")
 
 
@@ -131,6 +133,7 @@ def command(arguments: cli.Arguments) -> int:
 
     from softdyn import InputError, identification
     from softdyn.exceptions import errors_in
+    from softdyn.identification.data import csv_text
     from softdyn.identification.hints import FOLDS, hints, left_out, where, where_text
     from softdyn.identification.result import distance
     from softdyn.validation.files import write_text
@@ -147,6 +150,7 @@ def command(arguments: cli.Arguments) -> int:
     chosen = arguments.free or (), arguments.shared
     if arguments.twin is not None:
         return of_twin(arguments, model, identification.choose_unknowns(model, *chosen))
+    results = cli.Results()
     how = {"static": arguments.static, "outputs": arguments.outputs}
     timed = {"static": False} if arguments.rests is not None else {}
     raw = identification.read_csv(arguments.data, model, **how | timed)
@@ -156,6 +160,8 @@ def command(arguments: cli.Arguments) -> int:
             raw, moving = identification.rest_rows(raw, arguments.rests)
         line = f"rests: {len(raw.t)} of {samples} rows, {moving} stretches left out that still move"
         print(line, file=sys.stderr)
+        if arguments.rows:
+            results.save(lambda path: write_text(path, csv_text(raw, model)), arguments.rows)
     given, fitted = camera_of(arguments)
     data, acquisition = identification.prepared(
         model, raw, static=arguments.static, camera=given, fit_camera=fitted,
@@ -179,7 +185,6 @@ def command(arguments: cli.Arguments) -> int:
         test = identification.read_csv(arguments.test, model, **how)
         found = identification.tested(found, identification.prepared(found.model, test, **again)[0])
     values = found.values()
-    results = cli.Results()
     if arguments.out:
         text = (
             made.rewrite(values.get("design", {})) if made

@@ -79,6 +79,8 @@ def robot(layout: Layout) -> Robot:
         joints = [_joint(spring) for spring in group]
         chain.add(f"segment_{k}", body, _looks(layout, k), joints, place, angles, lifted)
         last = float(x)
+    for name, s, offset in arm.frames:
+        chain.mark(name, *layout.place(s, offset))
     tip = (arm.length - last + arm.tip[0], *map(float, arm.tip[1:]))
     words = {name: motor.words for motor in arm.motors for name in motor.cables}
     rotors = {name: motor.armature for motor in arm.motors for name in motor.cables}
@@ -162,10 +164,8 @@ def _sensors(layout: Layout, sensor: ArmSensor) -> Iterator[Sensor]:
     for cable in sensor.cables:
         yield replace(reading, name=next(names), tendon=cable)
     for point in sensor.points:
-        k = layout.body_at(point)
-        x, y, z = reading.xyz
-        xyz = vector((point - layout.stations[k] + x, y, z))
-        yield replace(reading, name=next(names), link=f"segment_{k}", xyz=xyz)
+        link, xyz = layout.place(point, reading.xyz)
+        yield replace(reading, name=next(names), link=link, xyz=vector(xyz))
     if reading.joint:
         yield reading
 

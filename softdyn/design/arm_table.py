@@ -12,6 +12,7 @@ import numpy as np
 from lxml import etree
 
 from softdyn.checks import number
+from softdyn.description.inertia import ZERO, Vector
 from softdyn.description.rig import CommandKind, Sensor, SensorKind
 from softdyn.description.robot import EARTH, NO_FLUID, Fluid
 from softdyn.description.stated_task import StatedTask, read_tasks
@@ -96,7 +97,8 @@ def read_arm(table: TomlTable) -> Arm:
             motors=motors,
             sensors=sensors,
         )
-        return replace(arm, tasks=_tasks(table, arm))
+        tasks, frames = _tasks(table, arm)
+        return replace(arm, tasks=tasks, frames=frames)
 
 
 def read_name(table: TomlTable) -> str:
@@ -310,21 +312,36 @@ def _area(table: TomlTable) -> dict[str, Any]:
     return {"area": first, "growth": tuple(one / first for one in more)}
 
 
-def _tasks(table: TomlTable, arm: Arm) -> tuple[StatedTask, ...]:
-    """The tasks of an arm, read by the rules of ``<task>`` in a URDF; at the tip by default."""
-    block = etree.Element("arm")
+def _tasks(
+    table: TomlTable, arm: Arm
+) -> tuple[tuple[StatedTask, ...], tuple[tuple[str, float, Vector], ...]]:
+    """The tasks of an arm, and the frames of those along it; at the tip by default.
+
+    They are read by the rules of ``<task>`` in a URDF. A place ``s`` stands for a frame.
+    """
+    block, frames = etree.Element("arm"), dict[tuple[float, Vector], str]()
     for item in table.tables("task"):
-        words = {
+        s, place = item.number("s", "length", None), {}
+        if s is not None:
+            if "frame" in item.values:
+                raise InputError(item.where, "frame or s_mm", "both")
+            at = (s, item.vector("offset", "length", ZERO))
+            usual = f"at_{1e3 * s:g}mm".replace(".", "_")
+            alike = sum(name.startswith(usual) for name in frames.values())
+            place["frame"] = frames.setdefault(at, f"{usual}_{alike + 1}" if alike else usual)
+        words = place | {
             key: " ".join(map(str, value)) if isinstance(value, list) else str(value)
-            for key, value in item.values.items()
+            for key, value in item.rest(item.values).items()
         }
         try:
             etree.SubElement(block, "task", {"frame": "tip"} | words)
         except ValueError:
             raise InputError(item.where, "words that a URDF can hold", repr(words)) from None
-    links = ["tip", *(f"segment_{k}" for k in range(len(lay_out(arm).stations)))]
+    segments = [f"segment_{k}" for k in range(len(lay_out(arm).stations))]
+    links, expected = ["tip", *segments, *frames.values()], f"tip, or {segments[0]} …"
     try:
-        return read_tasks(Element(Path(table.where), block, ""), links, f"tip, or {links[1]} …")
+        tasks = read_tasks(Element(Path(table.where), block, ""), links, expected)
+        return tasks, tuple((name, *at) for at, name in frames.items())
     except UrdfError as error:
         raise InputError(error.element, error.expected, error.got) from None
 

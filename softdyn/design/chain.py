@@ -100,6 +100,12 @@ class Chain:
             self._joints.append(replace(joint, origin=place))
             place, self.last = Origin(), target
 
+    def mark(self, name: str, link: str, xyz: Sequence[float]) -> None:
+        """Add a link without a mass, fixed to `link` at the point `xyz` (m) of it."""
+        self._links.append(Link(name))
+        place = Origin(vector(xyz))
+        self._joints.append(Joint(f"{name}_joint", "fixed", parent=link, child=name, origin=place))
+
     def pull(self, tendon: Tendon, given: Input, **words: Any) -> None:
         """Add a tendon and the input that acts on it; `words` are more fields of the actuator."""
         self._tendons.append(tendon)

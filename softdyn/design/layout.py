@@ -8,7 +8,7 @@ the errors would add up to a twist of first order in the segments' length that n
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from softdyn.checks import did_you_mean, instance, number
-from softdyn.description.inertia import Inertia
+from softdyn.description.inertia import ZERO, Inertia, Vector
 from softdyn.design.cables import Cable, Chamber, Path
 from softdyn.design.rods import Arm, Plate, Section
 from softdyn.exceptions import InputError
@@ -115,6 +115,20 @@ class Layout:
     def ends(self) -> np.ndarray:
         """The end of each body (m)."""
         return np.append(self.stations[1:], self.arm.length)
+
+    def place(self, s: float, offset: Sequence[float] = ZERO) -> tuple[str, Vector]:
+        """The link at the distance `s` (m) along the arm, and a point of it in its axes (m).
+
+        Parameters
+        ----------
+        s : float
+            Distance from the arm's base.
+        offset : sequence of float, (3,)
+            From the middle line at `s` to the point, in the axes of the straight arm (m).
+        """
+        body = self.body_at(s)
+        x, y, z = offset
+        return f"segment_{body}", (float(s - self.stations[body] + x), float(y), float(z))
 
     def body_at(self, x: float) -> int:
         """The body that carries the point x of the arm."""

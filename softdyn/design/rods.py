@@ -334,11 +334,15 @@ class Arm:
         No cable and no chamber has two.
     sensors : tuple of ArmSensor
     tasks : tuple of StatedTask
-        Of the links "tip" and "segment_k"; the position of the tip if there are none.
+        Of the links "tip" and "segment_k", and of `frames`; the position of the tip if there are
+        none.
     chambers : tuple of Chamber
         Their inputs follow those of the cables.
     fluid : Fluid
         The fluid around the arm, by default none.
+    frames : tuple of (str, float, sequence of float)
+        Links without a mass at a distance along the arm (m), with an offset (3,) from its middle
+        line in the axes of the straight arm (m).
     """
 
     sections: tuple[Section, ...]
@@ -355,6 +359,7 @@ class Arm:
     tasks: tuple[StatedTask, ...] = ()
     chambers: tuple[Chamber, ...] = ()
     fluid: Fluid = NO_FLUID
+    frames: tuple[tuple[str, float, Sequence[float]], ...] = ()
 
     def __post_init__(self) -> None:
         kinds: dict[str, tuple[Any, str]] = {
@@ -380,6 +385,10 @@ class Arm:
                 expected = f"a start and an end among the {count} sections, in this order"
                 where = f"{type(cable).__name__.lower()} {cable.name!r}"
                 raise InputError(where, expected, (cable.start, cable.end))
+        for name, s, offset in self.frames:
+            array(f"frame {name!r}: offset", offset, (3,))
+            if beyond(number(f"frame {name!r}", s, lower=0.0), self.length):
+                raise InputError(f"frame {name!r}", f"a place up to {self.length:g} m", f"{s:g} m")
         self._check_rig()
 
     def _check_rig(self) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -289,6 +291,31 @@ def check_data(model: SoftModel, data: Measurements) -> None:
             f"{data.u[k, j]:g} at t = {data.t[k]:g} s: another unit"
             + (", such as grams or mN?" if far else "?"),
         )
+
+
+def csv_text(data: Measurements, model: SoftModel) -> str:
+    """The text of a CSV file from which `read_csv` reads these measurements again.
+
+    A number has all its digits, and a gap is an empty cell.
+
+    Raises
+    ------
+    InputError
+        Data of another robot.
+    """
+    check_data(model, data)
+    inputs = [actuator.name for actuator in model.robot.actuators]
+    titles = ["t (s)", *(f"u.{name}" for name in inputs), *data.names]
+    parts = [data.t[:, None], data.u, data.outputs]
+    if data.direction is not None:
+        titles += [f"direction.{name}" for name in inputs]
+        parts.append(data.direction)
+    written = io.StringIO()
+    table = csv.writer(written, lineterminator="\n")
+    table.writerow(titles)
+    for row in np.hstack(parts).tolist():
+        table.writerow("" if math.isnan(value) else value for value in row)
+    return written.getvalue()
 
 
 def read_csv(

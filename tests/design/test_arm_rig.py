@@ -317,9 +317,33 @@ def test_tasks_are_those_of_the_file() -> None:
     assert robot(ARM + '[[task]]\nframe = "segment_1"\n').task == "segment_1"
 
 
+def test_a_task_at_a_place_along_the_arm_has_a_frame_there() -> None:
+    places = [(160, None), (160, None), (160, (0, 12, -5)), (12.5, None)]
+    text = "".join(
+        f'[[task]]\nname = "{k}"\ns_mm = {s}\n' + (f"offset_mm = {list(by)}\n" if by else "")
+        for k, (s, by) in enumerate(places)
+    )
+    made = robot(ARM + text)
+    frames = [task.frame for task in made.tasks]
+    assert frames == ["at_160mm", "at_160mm", "at_160mm_2", "at_12_5mm"]
+    assert made.task == "at_160mm"
+    straight = poses(made)
+    rotation, base = straight["segment_0"]
+    for frame, (s, by) in zip(frames, places, strict=True):
+        point = 1e-3 * (np.array([s, 0, 0]) + (by or 0))
+        np.testing.assert_allclose(straight[frame][1], base + rotation @ point, atol=1e-15)
+        np.testing.assert_allclose(straight[frame][0], rotation, atol=1e-15)
+    parent = {joint.child: joint.parent for joint in made.joints}
+    assert parent["at_12_5mm"] == "segment_1"
+
+
 @pytest.mark.parametrize(
     ("task", "message"),
     [
+        ('s_mm = 10\nframe = "tip"', ("[[task]] 1", "both")),
+        ("s_mm = 185", ("frame 'at_185mm'", "0.185 m")),
+        ("s_mm = -1", ("[[task]] 1", -0.001)),
+        ("offset_mm = [0, 0, 1]", ("<task>", "offset_mm")),
         ('frame = "segment_9"', ("<task>", "'segment_9'; did you mean 'segment_5'?")),
         ('frane = "tip"', ("<task>", "frane")),
         ('kind = "pos"', ("<task>", "'pos'; did you mean 'pose'?")),

@@ -320,6 +320,53 @@ def test_an_explorer_s_slider_of_a_chamber_is_in_kpa(browser):
         assert browser.console == []
 
 
+def test_an_explorer_s_slider_shows_the_input_of_the_robot_after_a_drag(browser):
+    model = softdyn.load("finger")
+    with open_explorer_page(model) as channel:
+        explorer = Explorer(model)
+        channel.frame(explorer.frame())
+        browser.open(channel.url)
+        browser.until("softdyn.last !== undefined && softdyn.leads")
+        read = "[softdyn.inputs[0].range.value ** 3, Number(softdyn.inputs[0].value.value)]"
+        change = "(softdyn.inputs[0].range.dispatchEvent(new Event('change')), 1)"
+        browser.run("(r => (r.focus(), r.value = Math.cbrt(0.5), r.oninput(), 1))"
+                    "(softdyn.inputs[0].range)")  # fmt: skip
+
+        def answer(notice):
+            """The robot is not where the slider asks it to be."""
+            explorer.u = np.array([0.25, 0.0])
+            explorer._poses += 1
+            channel.state({"notice": notice})
+            channel.frame(explorer.frame(), PATIENCE)
+            browser.until(f"softdyn.time == {explorer._poses} && !softdyn.fresh")
+            return browser.run(read)
+
+        assert answer("") == pytest.approx([0.5, 0.5])  # the slider is held
+        browser.run(change)
+        assert answer("") == pytest.approx([0.5, 0.5])  # the answer has not come yet
+        assert answer("no rest") == pytest.approx([0.25, 0.25], abs=1e-6)
+        assert browser.console == []
+
+
+def test_many_sliders_are_folded_by_their_names(browser):
+    model = softdyn.load("helix")  # three inputs in each of three sections, 36 joints
+    with open_explorer_page(model) as channel:
+        channel.frame(Explorer(model).frame())
+        browser.open(channel.url)
+        browser.until("softdyn.last !== undefined")
+        folds = (
+            "[...document.querySelectorAll('#{} > details')].map(d => [d.querySelector('summary')"
+        )
+        folds += ".textContent, d.open, d.querySelectorAll('.slider').length])"
+        assert browser.run(folds.format("inputs")) == [["u1 … u6", True, 6], ["u7 … u9", False, 3]]
+        assert browser.run(folds.format("joints")) == [
+            ["bend1 … bend12", True, 12],
+            ["lat1 … lat12", False, 12],
+            ["comp1 … comp12", False, 12],
+        ]  # fmt: skip
+        assert browser.console == []
+
+
 def test_the_live_viewer_draws_what_is_pushed(browser):
     model = softdyn.load("finger")
     width = 1 + model.nv + model.nu + 6

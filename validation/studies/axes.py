@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,8 @@ class Axis:
         The distribution of random samples, ``uniform`` or ``log_uniform``; None in a grid.
     controller, robot : str, optional
         The only controller, and the only robot, that it is for.
+    link : str, optional
+        The name that all lists have in common whose values go together; None for a list of its own.
     """
 
     name: str
@@ -43,6 +46,7 @@ class Axis:
     drawn: str | None = None
     controller: str | None = None
     robot: str | None = None
+    link: str | None = None
 
     @property
     def varies(self) -> bool:
@@ -62,11 +66,14 @@ class AxisReader:
         Number of random samples; None without any.
     seed : int
         Their seed.
+    links : mapping
+        Name of a linked parameter → the first name of its set.
     """
 
     path: str
     count: int | None = None
     seed: int = 0
+    links: Mapping[str, str] = field(default_factory=dict)
 
     def __call__(self, key: str, name: str, value: Any, check: Check) -> Axis:
         """The axis `name`, which stands at `key` in the file.
@@ -74,7 +81,8 @@ class AxisReader:
         Raises
         ------
         InputError
-            The values are none, not distinct, or refused by `check`.
+            The values are none, not distinct, or refused by `check`. Those of a linked parameter
+            may repeat.
         """
         drawn = None
 
@@ -94,10 +102,10 @@ class AxisReader:
         if not values:
             raise InputError(f"{self.path}: {key}", "at least one value", value)
         distinct = len({(isinstance(v, bool), v) for v in values}) == len(values)
-        if not distinct and drawn is None:
+        if not distinct and drawn is None and name not in self.links:
             many = f"{len(values)} " if isinstance(value, Mapping) else ""
             raise InputError(f"{self.path}: {key}", f"{many}distinct values", value)
-        return Axis(name, values, drawn)
+        return Axis(name, values, drawn, link=self.links.get(name))
 
     def _draw(self, table: TomlTable, key: str, kind: str, check: Check) -> tuple[Any, ...]:
         """Random values between both ends of a distribution: numbers, or vectors of numbers."""
@@ -142,6 +150,21 @@ class AxisReader:
             check(end)
         if not lower < upper or not math.isfinite(upper - lower):
             raise InputError(where, "a lower end below the upper", [lower, upper])
+
+
+def combinations(axes: Iterable[Axis]) -> Iterator[dict[str, Any]]:
+    """Every combination of the values by name, the last axis varying fastest.
+
+    Linked axes go through their values together, at the place of the first of them.
+    """
+    groups: dict[str, list[Axis]] = {}
+    for axis in axes:
+        groups.setdefault(axis.link or axis.name, []).append(axis)
+    for picked in product(*(range(len(group[0].values)) for group in groups.values())):
+        yield {
+            axis.name: axis.values[k]
+            for group, k in zip(groups.values(), picked, strict=True) for axis in group
+        }  # fmt: skip
 
 
 def draw(

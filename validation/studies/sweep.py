@@ -23,7 +23,7 @@ from softdyn.validation.files import safe_filename
 from softdyn.validation.loop import setups
 from softdyn.validation.loop.labels import cell_title
 from softdyn.validation.loop.trajectories import Trajectory
-from softdyn.validation.studies.axes import Axis
+from softdyn.validation.studies.axes import Axis, combinations
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import MOVING, NAMES, OWN, Case, legible
 from softdyn.validation.studies.engine.store import Store
@@ -319,9 +319,7 @@ class Sweep:
             axes = self.axes_of(robot, controller)
             grid = [axis for axis in axes if not axis.drawn]
             drawn = [axis for axis in axes if axis.drawn]
-            combinations = [dict(zip((a.name for a in grid), values, strict=True))
-                            for values in product(*(axis.values for axis in grid))]  # fmt: skip
-            for (kind, target), combination in product(targets[robot], combinations):
+            for (kind, target), combination in product(targets[robot], combinations(grid)):
                 for fixed, change in product(
                     self._at_periods(robot, kind, combination), self.changes
                 ):

@@ -50,7 +50,7 @@ from softdyn.validation.twin.plant_errors import BY_JOINT, EACH
 
 PARAMETERS = ("gains", *GROUPS, FORCE, "ellipse_scale")
 KEYS = (
-    "robots", "controllers", "annotations", "targets", "forces", "depends", *PARAMETERS,
+    "robots", "controllers", "annotations", "targets", "forces", "depends", *PARAMETERS, "linked",
     "shorter_periods", "changes", "samples", "logs", "figure", "rows", "columns", "figures",
     "spread", "labels", "means", "must_not_fail",
     "statics_beyond_cm",
@@ -259,7 +259,7 @@ class _Reader:
             count = samples.count("count", most=MAX_CASES)
             seed = samples.count("seed", 0, least=0, most=2**63 - 1)
             samples.rest()
-        self.axis = AxisReader(self.path, count, seed)
+        self.axis = AxisReader(self.path, count, seed, self.read_links())
         self.gains: list[str] | None = None  # a user's controller may have any gains
         self.robots: tuple[str, ...] = ()
         self.controllers: tuple[str, ...] = ()
@@ -281,6 +281,9 @@ class _Reader:
         periods = self.values("shorter_periods")
         changes = {NOMINAL: ()} | dict(self.read_changes(models))
         every = [*targets, *axes, *(axis for change in changes.values() for axis in change)]
+        for name in self.axis.links:
+            if name not in (known := dict.fromkeys(axis.name for axis in every[len(targets) :])):
+                raise top.error("linked", f"any of {', '.join(known)}", did_you_mean(name, known))
         if count is not None and not any(axis.drawn for axis in every):
             raise top.error("samples", "a parameter with uniform or log_uniform", "none")
         sizes = {"changes": len(changes), "periods": 1 + len(periods)}
@@ -442,6 +445,37 @@ class _Reader:
 
     # -- what varies -------------------------------------------------------------------------------
 
+    def read_links(self) -> dict[str, str]:
+        """Name of a parameter whose list goes together with others → the first name of its set."""
+        given = self.top.rest(KEYS).get("linked")
+        if given is None:
+            return {}
+        alone = isinstance(given, list) and all(isinstance(name, str) for name in given)
+        sets = [given] if alone else given
+        fits = isinstance(sets, list) and all(
+            isinstance(one, list) and len(one) > 1 and all(isinstance(name, str) for name in one)
+            for one in sets
+        )
+        names = [name for one in sets for name in one] if fits else []
+        if not fits or len(set(names)) < len(names):
+            expected = "two names of parameters or more, each once, or a list of such lists"
+            raise self.top.error("linked", expected, repr(given))
+        return {name: one[0] for one in sets for name in one}
+
+    def check_links(self, axes: list[Axis], at: str) -> None:
+        """Refuse linked lists of different lengths, and a list without those of its set."""
+        lists = [axis for axis in axes if axis.link is not None and axis.varies]
+        for robot, axis in product(self.robots, lists):
+            of_set = [one for one in axes if one.link == axis.link and one.robot in (None, robot)]
+            names = [name for name, first in self.axis.links.items() if first == axis.link]
+            lacking = {*names} - {one.name for one in of_set}
+            if lacking or any(one.drawn for one in of_set):
+                got = f"none of {min(lacking)}" if lacking else "a random value"
+                raise InputError(f"{self.path}: linked: {at}{axis.name}", "a list of each", got)
+            if len({len(one.values) for one in of_set}) > 1:
+                got = ", ".join(f"{len(one.values)} of {at}{one.name}" for one in of_set)
+                raise self.top.error("linked", "lists of the same length", got)
+
     def axes_in(
         self, table: TomlTable, models: Mapping[str, SoftModel], at: str = ""
     ) -> list[Axis]:
@@ -467,6 +501,7 @@ class _Reader:
                 whole = isinstance(value, dict) and not ranges and not self.differs(value, at != "")
                 axes = [Axis(name, (value,))] if whole else self.by_robot(where, name, value, check)
                 found += [replace(axis, controller=controller) for axis in axes]
+        self.check_links(found, at)
         return found
 
     def split(self, axes: list[Axis]) -> tuple[dict[str, dict[str, Any]], list[Axis]]:
@@ -592,7 +627,11 @@ class _Reader:
     def read_changes(
         self, models: Mapping[str, SoftModel]
     ) -> Iterator[tuple[str, tuple[Axis, ...]]]:
-        """Each change by its name; a list of values makes one change per value."""
+        """Each change by its name; a list of values makes one change per value.
+
+        Linked lists make one change per set of values. ``{}`` in the name stands for the value of
+        the first list, or for the only value.
+        """
         names, every = {NOMINAL}, self.top.table("changes")
         for text in every.values if every is not None else ():
             assert every is not None
@@ -601,12 +640,16 @@ class _Reader:
             axes = self.axes_in(table, models, f"{key}.")
             lists = [axis for axis in axes if axis.varies and not axis.drawn]
             odd = [axis for axis in axes if axis.drawn and place(axis.name)[2] == (EACH,)]
-            for axis in [*odd, *lists[1:]]:
+            apart = [axis for axis in lists[1:] if axis.link is None or axis.link != lists[0].link]
+            for axis in [*odd, *apart]:
                 raise self.not_one_list(f"{key}.{axis.name}", axis)
             if not axes:
                 raise every.error(text, "a table of parameters", "an empty one")
-            for value in lists[0].values if lists else [None]:
-                title = text if value is None else text.replace("{}", short(value))
+            alone = lists[:1] or (axes if len(axes) == 1 and not axes[0].drawn else [])
+            if "{}" in text and not alone:
+                raise every.error(text, "one value or one list, for which {} stands", "others")
+            for k in range(len(lists[0].values) if lists else 1):
+                title = text.replace("{}", short(alone[0].values[k])) if alone else text
                 if title in names or "/" in title or not title:
                     expected = "a unique name, with {} for a list and without /"
                     raise every.error(text, expected, title)
@@ -614,7 +657,8 @@ class _Reader:
                 yield (
                     title,
                     tuple(
-                        replace(axis, values=(value,)) if axis in lists else axis for axis in axes
+                        replace(axis, values=(axis.values[k],)) if axis in lists else axis
+                        for axis in axes
                     ),
                 )
 
@@ -719,7 +763,7 @@ class _Reader:
         names = [f"{a.controller or ''} {a.name}".strip() for a in axes]
         sizes |= {
             name: len(a.values) for name, a in zip(names, axes, strict=True)
-            if a.varies and not a.drawn
+            if a.varies and not a.drawn and a.link in (None, a.name)
         }  # fmt: skip
         sizes |= {name: size for name, size in more.items() if size > 1}
         sizes |= {} if self.axis.count is None else {"samples": self.axis.count}

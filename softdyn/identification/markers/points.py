@@ -119,9 +119,7 @@ def marked(robot: Robot, markers: Sequence[Marker], layout: Layout | None = None
             if not 0 <= one.along <= BEYOND * layout.arm.length:
                 expected = f"s from 0 to {layout.arm.length:g} m"
                 raise InputError(where, expected, f"{one.along:g} m")
-            body = layout.body_at(one.along)
-            link = f"segment_{body}"
-            xyz = (float(one.along - layout.stations[body]) + xyz[0], xyz[1], xyz[2])
+            link, xyz = layout.place(one.along, xyz)
         if link not in links:
             raise InputError(where, f"a link of {robot.name!r}", did_you_mean(link, links))
         kind = SensorKind.POSE if one.pose else SensorKind.POSITION

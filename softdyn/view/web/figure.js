@@ -35,6 +35,32 @@ function digits(x) {
     : size < 1 ? x.toFixed(3) : size < 100 ? x.toFixed(2) : x.toFixed(0);
 }
 
+const MOST_OPEN = 8;  // sliders in a row; more of them are folded
+const RUN = 6;  // sliders in a fold of names that have nothing in common
+
+/**
+ * The parent of each of many sliders: a fold for names that differ in their last number alone.
+ *
+ * @param {HTMLElement} box
+ * @param {string[]} names
+ */
+function folds(box, names) {
+  if (names.length <= MOST_OPEN) return names.map(() => box);
+  const stems = names.map(name => name.replace(/[\s._-]*\d+$/, "")), count = new Set(stems).size;
+  const alike = count > 1 && count <= names.length / 2;
+  const keys = names.map((_, i) => alike ? stems[i] : Math.floor(i / RUN));
+  const made = new Map();
+  for (const key of new Set(keys)) {
+    const own = names.filter((_, i) => keys[i] == key), fold = element(box, "details");
+    const ends = own.length > 1 ? `${own[0]} … ${own[own.length - 1]}` : own[0];
+    element(fold, "summary", ends);
+    fold.open = made.size == 0;
+    made.set(key, fold);
+  }
+  return keys.map(key => made.get(key));
+}
+
+/** A slider; while it is `held`, its number is the user's, else that of what is shown. */
 function slider(parent, name, low, high, onInput) {
   const row = element(parent, "label", undefined, "slider");
   const label = element(row, "span", name);
@@ -43,8 +69,13 @@ function slider(parent, name, low, high, onInput) {
   Object.assign(range, {type: "range", min: low, max: high, step: "any"});
   range.setAttribute("aria-label", name);
   const value = element(row, "output");
-  range.oninput = () => onInput(Number(range.value));
-  return {name: label, range, value};
+  const made = {name: label, range, value, held: false};
+  range.oninput = () => {
+    made.held = true;
+    onInput(Number(range.value));
+  };
+  range.addEventListener("change", () => { made.held = false; });  // at the end of a drag
+  return made;
 }
 
 const ROD = new T.CylinderGeometry(1, 1, 1, 10, 1);

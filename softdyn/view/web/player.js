@@ -269,8 +269,9 @@ class Player {
     const box = this.find("joints"), [track] = this.tracks;
     box.hidden = false;
     box.open = innerWidth > 640;
-    this.joints = track.figure.data.coordinates.map(({name, lower, upper}, i) => {
-      const one = slider(box, name, lower, upper, x => {
+    const {coordinates} = track.figure.data, at = folds(box, coordinates.map(({name}) => name));
+    this.joints = coordinates.map(({name, lower, upper}, i) => {
+      const one = slider(at[i], name, lower, upper, x => {
         const last = track.frames[track.frames.length - 1];
         last[1 + i] = x;
         last.set(track.figure.tip(), last.length - 6);
@@ -282,8 +283,8 @@ class Player {
   }
   updateJoints() {
     const [{frames}] = this.tracks, last = frames[frames.length - 1];
-    if (last) this.joints.forEach(({range, value}, i) => {
-      if (document.activeElement != range) range.value = last[1 + i];
+    if (last) this.joints.forEach(({range, value, held}, i) => {
+      if (!held) range.value = last[1 + i];
       value.value = digits(last[1 + i]);
     });
   }

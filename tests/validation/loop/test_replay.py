@@ -8,13 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 
 import softdyn
-from softdyn import SetPoint
+from softdyn import InputError, SetPoint
+from softdyn.controllers import LogChannel
 from softdyn.safety import HalfSpace, KeepOutSphere, Surroundings
 from softdyn.validation import Log, paper, simulate
-from softdyn.validation.loop.pictures.replay import replay, replays, show_runs, track
+from softdyn.validation.loop.pictures.replay import COLOURS, replay, replays, show_runs, track
 from softdyn.validation.loop.pictures.time_figures import compare
+from softdyn.view.scene import tension_colour
 from tests.support import ROOT
 from tests.support.refused import refused
 
@@ -221,6 +224,44 @@ def test_replay_draws_saved_runs(call, log, tmp_path):
     assert [line.get_label() for line in errors.lines] == ["x", "y (failed)"]
     np.testing.assert_allclose(errors.lines[1].get_ydata(), [100, 100])  # cm, while finite
     np.testing.assert_array_equal(inputs[1].lines[0].get_ydata()[:2], 1)
+
+
+def test_rows_of_one_quantity_have_one_scale(log):
+    wave = np.sin(np.arange(len(log.u)))[:, None] * [0.9, 0.5]
+    strong = log.altered(u=wave)
+    weak = log.altered(u=1e-3 * wave)
+    alone = [tuple(compare([one], ["one"]).axes[1].get_ylim()) for one in (strong, weak)]
+    assert alone[0] != alone[1]
+    _, *inputs = compare([strong, weak], ["strong", "weak"]).axes
+    scales = [(axes.get_yscale(), *axes.get_ylim()) for axes in inputs]
+    assert scales[0] == scales[1]
+    # an own channel, whose axis follows its numbers
+    own = [
+        log.altered(LogChannel("pull", units=("N",), values=size * np.sin(log.t)))
+        for size in (1.0, 30.0)
+    ]
+    rows = [axes for axes in compare(own, ["a", "b"]).axes if axes.get_ylabel() == "pull (N)"]
+    assert len(rows) == 2
+    assert rows[0].get_ylim() == rows[1].get_ylim()
+    assert rows[0].get_ylim()[1] > 30
+
+
+def test_no_run_has_a_colour_of_tension():
+    """In CIELAB, where 2.3 is just noticeable; formulas of CIE 15 and IEC 61966-2-1."""
+
+    def lab(rgb):
+        c = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+        to_xyz = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+        f = (c @ np.array(to_xyz).T) / [0.9505, 1.0, 1.089]
+        f = np.where(f > 216 / 24389, np.cbrt(f), (24389 / 27 * f + 16) / 116)
+        x, y, z = f.T
+        return np.stack((116 * y - 16, 500 * (x - y), 200 * (y - z)), axis=-1)
+
+    runs = lab(np.array([to_rgb(colour) for colour in COLOURS]))
+    tensions = lab(np.array([tension_colour(part) for part in np.linspace(-1, 1, 201) ** 3]))
+    assert np.linalg.norm(runs[:, None] - tensions, axis=2).min() > 40
+    apart = np.linalg.norm(runs[:, None] - runs, axis=2)[np.triu_indices(len(runs), 1)]
+    assert apart.min() > 30
 
 
 @pytest.mark.parametrize("arguments", [

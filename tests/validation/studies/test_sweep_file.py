@@ -564,3 +564,56 @@ def test_misuses_of_random_values_and_of_sensors(written, sensed, old, new, mess
 def test_misuses_of_factors_by_joint_and_of_the_rig(written, old, new, message):
     with refused(*message):
         written(BY_JOINT.replace(old, new))
+
+
+LINKED = """
+robots = "finger"
+controllers = "best"
+rows = ["change", "rig.lag", "gains.lag", "plant.mass"]
+linked = [["rig.lag", "gains.lag"], ["rig.delay", "gains.delay"]]
+targets.theta = 0.5
+rig.lag = [0.01, 0.02, 0.02]
+gains.lag = [0.01, 0.02, 0.04]
+plant.mass = [1, 2]
+[changes]
+"stiff {}" = { plant.stiffness = 1.5 }
+"late {}" = { rig.delay = [0.001, 0.002], gains.best.delay = [0.003, 0.002] }
+"""
+
+
+def test_linked_lists_go_together_and_others_are_combined(written):
+    sweep = written(LINKED)
+    names = ("rig.lag", "gains.lag", "plant.mass", "rig.delay", "gains.delay")
+    found = {
+        change: [tuple(parameter(c, n) for n in names) for c, of in sweep.expanded if of == change]
+        for change in sweep.changes
+    }
+    pairs = [(0.01, 0.01), (0.02, 0.02), (0.02, 0.04)]
+    delays = {
+        "none": (None, None), "stiff 1.5": (None, None),
+        "late 0.001": (0.001, 0.003), "late 0.002": (0.002, 0.002),
+    }  # fmt: skip
+    assert found == {
+        change: [(*pair, mass, *delay) for pair in pairs for mass in (1, 2)]
+        for change, delay in delays.items()
+    }
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "got"),
+    [
+        ("rig.lag = [0.01, 0.02, 0.02]", "rig.lag = [0.01, 0.02]", "3 of gains.lag, 2 of rig.lag"),
+        ("rig.lag = [0.01, 0.02, 0.02]", "rig.lag = 0.01", "3 of gains.lag, 1 of rig.lag"),
+        ("rig.lag = [0.01, 0.02, 0.02]", "", "none of rig.lag"),
+        ("delay = [0.003", "delay = [0.004, 0.003", "3 of changes.late {}.gains.delay"),
+        (', "gains.lag"], [', ', "gains.lagg"], [', "gains.lagg"),
+        (', "gains.lag"], [', "], [", "['rig.lag']"),
+        (', "gains.lag"], [', ', "rig.delay"], [', "'rig.delay'], ['rig.delay'"),
+        ("stiffness = 1.5", "stiffness = 1.5, plant.damping = 2", "others"),
+    ],
+)  # fmt: skip
+def test_misuses_of_linked_lists(written, old, new, got):
+    assert old in LINKED
+    with pytest.raises(InputError) as raised:
+        written(LINKED.replace(old, new))
+    assert got in str(raised.value.got)

@@ -21,8 +21,8 @@ from softdyn.view.scene import Figure
 RATE = 30.0  # frames a second
 MOST = 3000  # frames of one run
 STRIDE = 0.02  # largest motion of the tip between two frames, in lengths of the robot
-# Okabe and Ito's palette, as in the figures
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+# green, magenta, olive, black, violet, light green: not the blue, orange and red of tensions
+COLOURS = ("#009E73", "#C51B8A", "#B5BD00", "#111111", "#8E5BD0", "#9FE07A")
 GAP = 1.25  # between robots side by side, in lengths of the robot
 
 

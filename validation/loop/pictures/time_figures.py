@@ -28,7 +28,8 @@ def compare(logs: Sequence[LogData], labels: Sequence[str]) -> Figure:
     Rollouts have the coordinates of the tip instead of ‖e‖. A run that diverged is drawn up to its
     last finite sample. Estimated disturbances with their 95 % intervals are below, a row per unit.
     Below them is a row for each channel of a user's own controller or plant that has numbers. Runs
-    among obstacles have the least reserve of their barriers at the bottom.
+    among obstacles have the least reserve of their barriers at the bottom. Rows of one quantity
+    have the same scale.
     """
     estimated = [
         (log, label, unit)
@@ -59,9 +60,10 @@ def compare(logs: Sequence[LogData], labels: Sequence[str]) -> Figure:
     for (axes,), log, label in zip(inputs, logs, labels, strict=True):
         if log.u.size:
             draw_inputs(axes, log)
-            scale_inputs(axes, [log])
+            scale_inputs(axes, [one for one in logs if one.u.size and one.u_unit == log.u_unit])
         axes.set_ylabel(f"u ({log.u_unit})")
         axes.set_title(label + input_activity(log), loc="left")
+    scale_alike([axes for (axes,) in grid[1:]])
     errors.set_xlim(0, max(log.duration for log in logs))
     grid[-1][0].set_xlabel(look.TIME)
     return figure
@@ -201,6 +203,15 @@ def scale_inputs(axes: Axes, logs: Sequence[LogData]) -> None:
     else:
         margin = 0.06 * (high - low)
         axes.set_ylim(low - margin, high + margin)
+
+
+def scale_alike(rows: Sequence[Axes]) -> None:
+    """Give rows with the same label, and so of one quantity, the same vertical axis."""
+    for label in dict.fromkeys(axes.get_ylabel() for axes in rows):
+        same = [axes for axes in rows if axes.get_ylabel() == label]
+        ends = np.array([axes.get_ylim() for axes in same])
+        for axes in same:
+            axes.set_ylim(float(ends.min()), float(ends.max()))
 
 
 def finite_errors(log: LogData) -> np.ndarray:

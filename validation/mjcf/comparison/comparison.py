@@ -22,8 +22,9 @@ from softdyn.validation.mjcf.comparison.dynamics import (
 from softdyn.validation.mjcf.comparison.finding import KINDS, Finding, Turns
 from softdyn.validation.mjcf.comparison.geometry import find_geometry
 from softdyn.validation.mjcf.comparison.matching import Match, match, reduce, with_links_of
-from softdyn.validation.mjcf.comparison.neutral import Neutral
+from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, Neutral
 from softdyn.validation.mjcf.comparison.parameters import find_order, find_parameters
+from softdyn.validation.mjcf.comparison.resting import resting_points, tip_points
 from softdyn.validation.mjcf.comparison.result import (
     ROUNDING,
     SHOWN,
@@ -36,6 +37,9 @@ from softdyn.validation.mjcf.comparison.side import Side
 
 # kinds that affect M, bias, g or a tip; others are measured only by their values
 DYNAMIC = KINDS[: KINDS.index("gravity") + 1]
+# kinds that may change the rest under weight and springs
+RESTING = ("base", "pose", "zero", "axis", "mass", "centre", "gravity", "stiffness", "rest",
+           "limit", "tendon")  # fmt: skip
 LIGHTEST = 1e-6  # least inertia of a motion whose joints have inertia 1; smaller ones are rounding
 LEAST = 1e-3  # least scale of forces and Jacobians, relative to what they could be
 READ = 1e-12  # largest relative error of an MJCF's neutral form against MuJoCo's own model
@@ -156,10 +160,11 @@ def compare_neutral(
             # M contains a tendon's armature
             moves = finding.kind in DYNAMIC or (finding.kind == "tendon" and any_armature)
             effect = measure.effect(before, robot if moves else before) | {"value": finding.size}
-            if finding.force is not None:
-                effect["qdd"] = max(effect["qdd"], measure.pushed(finding.force))
+            effect["forces"] = 0.0 if finding.force is None else measure.pushed(finding.force)
+            effect["qdd"] = max(effect["qdd"], effect["forces"])
             if max(effect.values()) > NAMED:
                 kinds.append(finding.kind)
+                effect |= measure.further(finding.kind, before, robot)
                 idle = not finding.acts and effect["qdd"] <= NAMED
                 causes.append(
                     Cause(
@@ -170,7 +175,7 @@ def compare_neutral(
         if kinds:
             steps.append(RepairStep(", ".join(dict.fromkeys(kinds)), measure.errors(robot)))
     residual = measure.errors(robot)
-    causes.sort(key=lambda cause: (cause.one_sided, -cause.weight, -cause.effect.get("value", 0)))
+    causes.sort(key=lambda cause: (cause.one_sided, -cause.largest, -cause.effect.get("value", 0)))
     if tolerance is None:
         tolerance = _rounding(causes) if one.rounded or other.rounded else 0.0
     counting = tuple(cause for cause in causes if cause.printed > tolerance)
@@ -221,6 +226,21 @@ def _names(
     return matched, unmatched
 
 
+def _actuation(robot: Neutral, terms: Terms) -> np.ndarray:
+    """B (samples, nv, inputs) of the actuators on joints with one freedom and on tendons."""
+    B = np.zeros((*terms.bias.shape, len(robot.motors)))
+    first = np.cumsum([0, *(FREEDOMS[part.kind] for part in robot.parts)])
+    joints = {part.name: k for k, part in enumerate(robot.parts)}
+    cables = {cable.name: k for k, cable in enumerate(robot.cables)}
+    for k, motor in enumerate(robot.motors):
+        kind, name = motor.end
+        if kind == "tendon" and name in cables:
+            B[:, :, k] = motor.gear * terms.arms[:, cables[name]]
+        elif kind == "joint" and name in joints and not motor.axes:
+            B[:, first[joints[name]], k] = motor.gear
+    return B
+
+
 class _Measure:
     """Relative differences from A's dynamics, with equal weight for every joint.
 
@@ -243,6 +263,10 @@ class _Measure:
         self._whiten = axes / np.sqrt(np.maximum(moments, LIGHTEST))[:, None]
         self._fall = max(float(np.linalg.norm(self._forced(terms.bias), axis=1).max()), least)
         self._last = (robot, terms)
+        self._points = tip_points(robot)
+        self._rest: tuple[Neutral, np.ndarray | None] | None = None
+        pulls = np.abs(_actuation(robot, terms) * self._weight[:, None])
+        self._drive = float(pulls.max(initial=0.0)) or 1.0
 
     def _evaluate(self, robot: Neutral) -> Terms:
         """Terms of a robot; the last ones are cached, because repairs follow each other."""
@@ -262,6 +286,30 @@ class _Measure:
         a, b = self._evaluate(before), self._evaluate(after)
         found = self._gaps(a, b) | {"qdd": self._acceleration(a, b)}
         return {name: found[name] for name in (*SHOWN, "qdd")}
+
+    def further(self, kind: str, before: Neutral, after: Neutral) -> dict[str, float]:
+        """The changes by a repair of this kind in B, and in the tips at rest.
+
+        B maps the inputs to the joints' forces. Without a rest of both robots, it has no change.
+        """
+        found = {"B": 0.0, "rest": 0.0}
+        if kind in ("tendon", "actuator"):
+            a, b = (_actuation(robot, self._evaluate(robot)) for robot in (before, after))
+            if a.shape == b.shape:
+                gap = np.abs((a - b) * self._weight[:, None]).max(initial=0.0)
+                found["B"] = float(gap) / self._drive
+        if kind in RESTING:
+            ends = [self._at_rest(robot) for robot in (before, after)]
+            if ends[0] is not None and ends[1] is not None:
+                moved = np.linalg.norm(ends[0] - ends[1], axis=1).max(initial=0.0)
+                found["rest"] = float(moved) / self._size
+        return {name: value if value > NAMED else 0.0 for name, value in found.items()}
+
+    def _at_rest(self, robot: Neutral) -> np.ndarray | None:
+        """The tips at rest; the last ones are cached."""
+        if self._rest is None or self._rest[0] is not robot:
+            self._rest = (robot, resting_points(robot, self._points))
+        return self._rest[1]
 
     def pushed(self, force: np.ndarray) -> float:
         """The relative change of q̈ by a generalized force at the states (samples, nv)."""

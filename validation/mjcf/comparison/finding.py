@@ -60,7 +60,8 @@ class Finding:
         Relative difference of the numbers as files print them: lengths relative to the part's
         extent, angles to 1 rad. None if it is `size`.
     force : np.ndarray or None, (samples, nv)
-        The generalized force at the sampled states, if only one file states it.
+        The generalized force at the sampled states by which springs, dampers or dry friction
+        differ.
     acts : bool
         Whether what only one file states changes the motion by something else than a force at the
         sampled states: a stop, a constraint, dry friction of a cable, dynamics of an actuator.
@@ -155,6 +156,8 @@ class CurveGap:
         The forces where they differ most; empty if both are linear.
     alone : bool
         Whether only one file states the force.
+    change : tuple of float
+        The differences of the coefficients.
     """
 
     name: str
@@ -162,12 +165,11 @@ class CurveGap:
     size: float
     words: str
     alone: bool
+    change: Numbers
 
     def acting(self, x: np.ndarray) -> np.ndarray:
-        """The force of the file that alone states one, at displacements or speeds `x`."""
-        rows = (np.resize((*np.atleast_1d(value), 0.0, 0.0), 3) for value in self.values)
-        stated = max(rows, key=lambda row: float(np.abs(row).max()))
-        return np.asarray(force(self.name, tuple(stated), x))
+        """The difference of the forces at displacements or speeds `x`."""
+        return np.asarray(force(self.name, self.change, x))
 
 
 def curves(
@@ -197,19 +199,22 @@ def curves(
         -1 for a joint with the other sense.
     """
     for name in ("damping", "stiffness"):
-        ours, theirs = _coefficients(one, name), _coefficients(other, name)
+        ours, theirs = coefficients(one, name), coefficients(other, name)
         turned = theirs if name == "damping" else (theirs[0], sense * theirs[1], theirs[2])
         far, unit = (SPEED, f"{units[1]}/s") if name == "damping" else (reach, units[1])
-        size, at = min(_forces_apart(name, ours, row, far) for row in (theirs, turned))
+        (size, at), nearest = min(
+            (_forces_apart(name, ours, row, far), row) for row in (theirs, turned)
+        )
+        change = tuple(p - q for p, q in zip(ours, nearest, strict=True))
         if size <= SAME:
             continue
         alone = not (any(ours) and any(theirs))
         if not any((*ours[1:], *theirs[1:])):
-            yield CurveGap(name, (ours[0], theirs[0]), size, "", alone)
+            yield CurveGap(name, (ours[0], theirs[0]), size, "", alone, change)
             continue
         first, second = (force(name, row, at) for row in (ours, theirs))
         words = f"{first:.4g} against {second:.4g} {units[0]} at {at:.4g} {unit}"
-        yield CurveGap(name, (list(ours), list(theirs)), size, words, alone and urdf)
+        yield CurveGap(name, (list(ours), list(theirs)), size, words, alone and urdf, change)
 
 
 def force(name: str, coefficients: Numbers, x: Any) -> Any:
@@ -230,5 +235,6 @@ def _forces_apart(name: str, ours: Numbers, theirs: Numbers, far: float) -> tupl
     return (float(gaps[worst]) / largest if largest else 0.0), float(at[worst])
 
 
-def _coefficients(item: Part | NeutralTendon, name: str) -> Numbers:
+def coefficients(item: Part | NeutralTendon, name: str) -> Numbers:
+    """The coefficients of the powers of a spring's or a damper's force; see `force`."""
     return (getattr(item, name), *getattr(item, f"{name}_curve"))

@@ -131,7 +131,7 @@ def _joint(
             detail = f"{100 * (q / p - 1):+.3g} %" if p and q else "none in one file"
             yield Finding(
                 name, one.name, (p, q), detail, _set(k, **{name: p}), size, not (p and q),
-                force=on_joint(max(p, q)) if name == "friction" else None,
+                force=on_joint(abs(p - q)) if name == "friction" else None,
             )  # fmt: skip
     units = ("N", "m") if one.kind == "slide" else ("N m", "rad")
     for gap in curves(one, other, _reach(one), units, urdf=with_urdf(a, b), sense=sense):

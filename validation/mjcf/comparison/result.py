@@ -9,9 +9,13 @@ from typing import Any
 from softdyn.validation.mjcf.comparison.dynamics import QUANTITIES
 from softdyn.validation.tables import Table
 
-SHOWN = ("M", "bias", "g", "tip")  # the effects that sort the causes
-CAUSE_TITLES = ("M", "g", "tip", "kind", "where", "A", "B", "")
-CAUSE_FORMATS = (*[".1e"] * 3, *[""] * 5)
+SHOWN = ("M", "bias", "g", "tip")  # the effects on the motion without inputs
+# effects in the table: title, name; those after the first three only where there are some
+EFFECTS = (
+    ("M", "M"), ("g", "g"), ("tip", "tip"), ("inputs", "B"), ("rest", "rest"), ("forces", "forces"),
+)  # fmt: skip
+ALWAYS = 3
+CAUSE_TITLES = ("kind", "where", "A", "B", "")
 ROUNDING = 1e-5  # relative: two files with six significant digits differ by so much at most
 EXPLAINED = 1e-9  # largest residual after the repair of all causes
 WIDEST = 48  # characters of a value in the table; JSON has the full value
@@ -29,7 +33,9 @@ class Cause:
         The files' values; None if a file states none.
     effect : dict[str, float]
         Relative change at random states of ``M``, ``bias``, ``g``, of the ``tip`` (of the robot's
-        extent) and of q̈ (``qdd``, for any force); of the ``value`` if it affects none of these.
+        extent) and of q̈ (``qdd``, for any force); of the ``value`` if it affects none of these. Of
+        the matrix ``B`` from inputs to joint forces, of the tip at ``rest`` under weight and
+        springs (of the extent), and of q̈ by ``forces`` of springs, dampers and dry friction.
     detail : str
         The difference in words.
     one_sided : bool
@@ -53,8 +59,13 @@ class Cause:
 
     @property
     def weight(self) -> float:
-        """The largest effect on the dynamics, which sorts the causes."""
+        """The largest effect on the motion without inputs and springs."""
         return max((v for key, v in self.effect.items() if key in SHOWN), default=0.0)
+
+    @property
+    def largest(self) -> float:
+        """The largest effect, which sorts the causes."""
+        return max(self.weight, *(self.effect.get(name, 0.0) for _, name in EFFECTS[ALWAYS:]))
 
     def to_dict(self) -> dict[str, Any]:
         """The cause as plain data; figures that are not finite are None."""
@@ -228,7 +239,11 @@ class Comparison:
             causes = [cause for cause in self.causes if cause.one_sided == one_sided]
             rows = _grouped(causes) if one_sided else [_row(cause) for cause in causes]
             if rows:
-                parts.append(f"{title}\n{Table(CAUSE_TITLES, rows, CAUSE_FORMATS).text()}")
+                kept = [k for k in range(len(EFFECTS)) if k < ALWAYS or any(row[k] for row in rows)]
+                titles = [*(EFFECTS[k][0] for k in kept), *CAUSE_TITLES]
+                formats = [*[".1e"] * len(kept), *[""] * len(CAUSE_TITLES)]
+                rows = [[*(row[k] for k in kept), *row[len(EFFECTS) :]] for row in rows]
+                parts.append(f"{title}\n{Table(titles, rows, formats).text()}")
         if self.waterfall:
             left = [("error left in", "", ""), *((name, name, ".1e") for name in QUANTITIES)]
             steps = ({"": step.repaired, **step.left} for step in self.waterfall)
@@ -245,7 +260,7 @@ class Comparison:
 
 
 def _row(cause: Cause) -> list[Any]:
-    figures = [cause.effect.get(name) or None for name in ("M", "g", "tip")]
+    figures = [cause.effect.get(name) or None for _, name in EFFECTS]
     return [*figures, cause.kind, cause.where, _value(cause.a), _value(cause.b), cause.detail]
 
 
@@ -261,7 +276,7 @@ def _grouped(causes: list[Cause]) -> list[list[Any]]:
     for group in groups.values():
         row = _row(group[0])
         if len(group) > 1:
-            row[4] = f"{len(group)}: {group[0].where} …"
+            row[len(EFFECTS) + 1] = f"{len(group)}: {group[0].where} …"
         rows.append(row)
     return rows
 

@@ -391,36 +391,49 @@ class Live {
       ? {rest: row("rest"), tip: row("tip (m)"), compliance: row("softest (mm/N)")}
       : {error: row("error"), tip: row("tip (m)"), time: row("time"),
         goals: this.goals.marks.map(({name}) => row(name))};
-    this.inputs = this.scene.figure.inputs.map((input, i) => {
+    const {inputs, coordinates} = this.scene.figure;
+    const boxes = folds(this.find("inputs"), inputs.map(({name}) => name));
+    this.inputs = inputs.map((input, i) => {
       const full = Math.max(-input.lower, input.upper) || 1;
-      const made = slider(this.find("inputs"), input.name, Math.cbrt(input.lower / full),
+      const made = slider(boxes[i], input.name, Math.cbrt(input.lower / full),
         Math.cbrt(input.upper / full), () => {
           const u = this.inputs.map(one => one.full * one.range.value ** 3)
             .map((x, k) => Math.min(Math.max(x, this.scene.figure.inputs[k].lower),
               this.scene.figure.inputs[k].upper));
+          this.asked = u;
           this.often({do: "inputs", u});
           this.showInputs(u);
         });
-      return {...made, full};
+      return Object.assign(made, {full});
     });
     if (this.inputs.length) element(this.find("inputs"), "p",
       `in ${this.scene.unit}; fine near 0: half way is ⅛ of the bound`, "note");
     const explore = this.scene.mode == "explore";
     this.find("joints").style.display = explore ? "" : "none";
-    this.joints = (explore ? this.scene.figure.coordinates : []).map(({name, lower, upper}) => slider(
-      this.find("joints"), name, lower, upper,
-      () => this.often({do: "joints", x: this.joints.map(one => Number(one.range.value))})));
+    const places = folds(this.find("joints"), coordinates.map(({name}) => name));
+    this.joints = (explore ? coordinates : []).map(({name, lower, upper}, i) => slider(
+      places[i], name, lower, upper, x => {
+        this.joints[i].value.value = digits(x);
+        this.asked = null;
+        this.often({do: "joints", x: this.joints.map(one => Number(one.range.value))});
+      }));
+  }
+  /** Whether the inputs of a frame are those that the sliders asked for last, or are refused. */
+  answered(u) {
+    const same = this.asked && this.asked.every((x, i) => Math.abs(x - u[i]) <= 1e-5 * this.inputs[i].full);
+    if (same || this.state.notice) this.asked = null;
+    return !this.asked;
   }
   showInputs(u) {
     // by hand the sliders keep the commands, because behind a rig other inputs act
     const open = this.scene.mode == "play" && this.state.law == this.scene.open;
     u.forEach((value, i) => {
-      const {name, range, value: out, full} = this.inputs[i];
+      const {name, range, value: out, full, held} = this.inputs[i];
       const {factor} = this.scene.figure.inputs[i];
-      const said = open ? this.state.inputs[i] ?? value : value;
-      if (document.activeElement != range) range.value = Math.cbrt(said / full);
+      const said = held ? full * range.value ** 3 : open ? this.state.inputs[i] ?? value : value;
+      if (!held) range.value = Math.cbrt(said / full);
       name.style.borderColor = css(scaled(value / full));
-      out.value = Math.abs(value) < 1e-6 * full ? "0" : digits(factor * value);
+      out.value = Math.abs(said) < 1e-6 * full ? "0" : digits(factor * said);
     });
   }
   makeSide() {
@@ -579,10 +592,10 @@ class Live {
   }
   showFrame(frame, u) {
     const {readouts} = this, tip = this.part(frame, "y");
-    if (!(this.scene.mode == "explore" && this.find("inputs").contains(document.activeElement)))
-      this.showInputs(u);
+    const explore = this.scene.mode == "explore";
+    if (!explore || !this.inputs.some(one => one.held) && this.answered(u)) this.showInputs(u);
     readouts.tip.value = Array.from(tip, x => x.toFixed(3)).join(", ");
-    if (this.scene.mode == "explore") {
+    if (explore) {
       const stable = this.one(frame, "stable");
       const ghost = this.ghost.object.visible;
       readouts.rest.value = (stable == 1 ? "stable" : stable == 0 ? "UNSTABLE" : "joints by hand")
@@ -590,8 +603,9 @@ class Live {
       readouts.rest.style.color = stable == 0 || ghost ? "#a11420" : "";
       readouts.compliance.value = digits(1e3 * this.softest);
       Array.from(this.part(frame, "q")).forEach((x, i) => {
-        const {range, value} = this.joints[i];
-        if (document.activeElement != range) range.value = x;
+        const {range, value, held} = this.joints[i];
+        if (held) return;
+        range.value = x;
         value.value = digits(x);
       });
       return;
