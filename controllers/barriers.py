@@ -32,7 +32,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -41,9 +40,15 @@ from softdyn import SoftModel, State
 from softdyn.checks import number
 from softdyn.controllers.controller import SILENT
 from softdyn.controllers.qps.horizon import Horizon
-from softdyn.controllers.qps.mode_search import NEGLIGIBLE, ModeSearch
+from softdyn.controllers.qps.lexicographic_qp import (
+    ENOUGH,
+    MET,
+    NEGLIGIBLE,
+    Conditions,
+    LexicographicQp,
+    Rows,
+)
 from softdyn.controllers.qps.qp import QpProblem, QpSolution
-from softdyn.controllers.qps.relaxed_rows import ROOM, RelaxedRows, Rows
 from softdyn.controllers.qps.stopped_step import StoppedStep
 from softdyn.copies import KeepsMaking
 from softdyn.description.robot import sliding
@@ -54,7 +59,6 @@ from softdyn.safety.obstacles import RATE, BarrierSet
 LOOKAHEAD = 0.02  # s, the horizon of rows where the controller has none
 LEAP = 10.0  # of these units, a joint's largest motion in a period
 AT_STOP = 0.1  # of these units: a joint this close to its limit is at its stop
-ENOUGH = ROOM + 2 * NEGLIGIBLE  # excess of a row, in units, that counts as none
 
 
 class ControlBarrier(Protocol):
@@ -156,7 +160,7 @@ class BarrierRows:
         self._horizon = Horizon(model, tau)
         self._values = BarrierSet(model, self._barriers)
         Stops.of(model).prepare()  # those of a step are solved alike
-        self._qp, self._leap = RelaxedRows(model.u_min, model.u_max), LEAP * _joint_units(model)
+        self._qp, self._unit = LexicographicQp(model.u_min, model.u_max), _joint_units(model)
         self.reset()
 
     def reset(self, period: float = 0.0) -> None:
@@ -171,7 +175,7 @@ class BarrierRows:
     def at(self, state: State) -> Rows:
         """Every barrier's rows where no joint is at a stop."""
         values, steps = self._at(state), self._steps(state)
-        return Rows.joined([_rows(state, values, step, step.free) for step in steps])
+        return Rows.joined([self._conditions(values, one, state).rows(one.free) for one in steps])
 
     def _at(self, state: State) -> BarrierValues:
         """The values of all barriers; a state without guarantee is counted."""
@@ -194,7 +198,8 @@ class BarrierRows:
         """The steps τ that have rows; in a run the last is the control period."""
         over = [self._horizon] if self._horizon.tau or self._hold is None else []
         over += [] if self._hold is None else [self._hold]
-        return [StoppedStep(state, one.tau, *one(state)) for one in over]
+        stops = self._hold is not None
+        return [StoppedStep(state, one.tau, *one(state), stops=stops) for one in over]
 
     def _count(self, values: BarrierValues, of: np.ndarray) -> None:
         """Count a state without guarantee; warn if a run starts at one."""
@@ -239,41 +244,47 @@ class BarrierRows:
         values = self._at(state)
         if solution is None or not solution.solved or not len(values.alpha):
             return solution
-        steps, nu, stopped = self._steps(state), state.B.shape[1], self._hold is not None
-        if all(self._met(values, step, state, solution.x[:nu]) for step in steps):
+        u, running = solution.x[: state.B.shape[1]], self._hold is not None
+        steps = self._steps(state)
+        every = [self._conditions(values, one, state) for one in steps]
+        if all((one.excess(u) <= ENOUGH).all() for one in every):
             return solution
-        rows_of = partial(_rows, state, values, leap=self._leap, period=self._period)
-        search = ModeSearch(steps, rows_of, stopped=stopped, relax=not stopped)
-        best = search.best(self._qp, problem, solution, nu)
-        if stopped and best.violation > 2 * ROOM:
-            search = ModeSearch(
-                steps[-1:], partial(rows_of, braking=True), stopped=True, relax=True
-            )
-            best = search.best(self._qp, problem, solution, nu)
+        best = self._qp(problem, solution, every, [one.still for one in steps], slack=not running)
+        if running and best.excess > MET:
             self.braked += 1
-        if best.violation > 2 * ROOM:
-            self.relaxed, self.relaxation = self.relaxed + 1, max(self.relaxation, best.violation)
+            over = steps[-1]
+            needed = [self._conditions(values, over, state, braking=True)]
+            best = self._qp(problem, solution, needed, [over.still])
+            if best.excess > MET:
+                again = self._qp(problem, solution, needed, [over.motion(u, over.free)[1]])
+                best = min(best, again, key=lambda one: one.excess)
+        if best.excess > MET:
+            self.relaxed, self.relaxation = self.relaxed + 1, max(self.relaxation, best.excess)
             self._warn_of_loads(values)
         self.least += best.least
-        return best.answer
+        return best.solution
 
-    def _met(self, values: BarrierValues, step: StoppedStep, state: State, u: np.ndarray) -> bool:
-        """Whether u meets all rows of a step in the mode that it leads to."""
-        mode = step.free
-        if self._hold is None:
-            qdd = step.unstopped(u)
-        else:
-            qdd, mode = step.motion(u, mode)
-        allowed, unit = values.allowed(step.tau)
-        second = values.gradient @ qdd
-        if mode.any() and values.limits.any():
-            second[values.limits] = values.gradient[values.limits] @ step.unstopped(u)
-        met = bool((second + allowed >= -ENOUGH * unit).all())
-        if met and self._hold is not None and step.tau == self._period:
-            tau, v, leap = step.tau, np.abs(state.v), self._leap
-            moved = tau * np.abs(state.v + tau * qdd)
-            met = bool((moved - np.maximum(leap, tau * v) <= ENOUGH * leap / LEAP).all())
-        return met
+    def _conditions(
+        self, values: BarrierValues, step: StoppedStep, state: State, *, braking: bool = False
+    ) -> Conditions:
+        """The conditions of all barriers over a step.
+
+        An excess of its unit lets b decrease by one of the barrier's. Braking asks s⁺ ≥ 0 where
+        s > 0. Limits of joints keep them from their stops, so their conditions are on free joints.
+        Over a period no joint moves by more than `LEAP` units, or faster than it does.
+        """
+        tau, A, free = step.tau, values.gradient, values.limits
+        c, unit = values.braking(tau) if braking else values.allowed(tau)
+        if self._period and tau == self._period:
+            eye, v, leap = np.eye(len(state.v)), state.v, self._unit / tau**2
+            most = np.maximum(LEAP * leap, np.abs(v) / tau)
+            A = np.concatenate((A, eye, -eye))
+            c = np.concatenate((c, most + v / tau, most - v / tau))
+            unit, free = (
+                np.concatenate((unit, leap, leap)),
+                np.append(free, np.zeros(2 * len(v), bool)),
+            )
+        return Conditions(step, A, c, unit, free)
 
 
 class BarrierValues(NamedTuple):
@@ -307,36 +318,9 @@ class BarrierValues(NamedTuple):
         c = share * ((alpha + beta + both * tau) * self.rate + both * self.b)
         return c + self.drift, share * both * self.unit
 
-
-def _rows(
-    state: State,
-    values: BarrierValues,
-    step: StoppedStep,
-    mode: np.ndarray,
-    *,
-    leap: np.ndarray | None = None,
-    period: float = 0.0,
-    braking: bool = False,
-) -> Rows:
-    """A row for every barrier over a step in a mode.
-
-    An excess of its unit lets b decrease by one of the barrier's. Braking rows ask s⁺ ≥ 0 where
-    s > 0. Limits of joints keep them from their stops, so their rows are those of free joints. Over
-    a period no joint moves by more than `leap` (n,), or faster than it does.
-    """
-    tau, inverse, (allowed, unit) = step.tau, step.response(mode), values.allowed(step.tau)
-    if braking:
-        alpha, b, v = values.alpha, values.b, values.rate
-        late, reach = v + alpha * b > 0, alpha / (tau * (1 + alpha * tau))
-        allowed = np.where(late, v / tau + reach * b + values.drift, allowed)
-        unit = np.where(late, reach * values.unit, unit)
-    response = values.gradient @ inverse
-    if values.limits.any():
-        response[values.limits] = values.gradient[values.limits] @ step.response(step.free)
-    rows = Rows(-response[:, :-1], allowed - response[:, -1], unit)
-    if leap is None or tau != period or not len(allowed):
-        return rows
-    bound = np.maximum(leap, tau * np.abs(state.v))
-    way, moved = tau * (state.v - tau * inverse[:, -1]), tau**2 * inverse[:, :-1]
-    sides = Rows(moved, bound - way, leap / LEAP), Rows(-moved, bound + way, leap / LEAP)
-    return Rows.joined([rows, *sides])
+    def braking(self, tau: float) -> tuple[np.ndarray, np.ndarray]:
+        """The same of s⁺ ≥ 0 where s > 0."""
+        alpha, (allowed, unit) = self.alpha, self.allowed(tau)
+        later, reach = self.rate + alpha * self.b > 0, alpha / (tau * (1 + alpha * tau))
+        allowed = np.where(later, self.rate / tau + reach * self.b + self.drift, allowed)
+        return allowed, np.where(later, reach * self.unit, unit)

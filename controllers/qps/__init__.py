@@ -7,8 +7,8 @@
 - `horizon`: M and h of the dynamics (1) at the end of a horizon instead of now;
 - `task_qp`: an objective in few unknowns, input bounds and the decrease row as one QP;
 - `stopped_step`: a step of the dynamics in which joints have stops, and the joints that these hold;
-- `relaxed_rows`: a QP with further rows on u, which are relaxed if they cannot all be met;
-- `mode_search`: the search for an input that meets the rows of the motion that it leads to;
+- `lexicographic_qp`: a QP on the inputs of such a step: bounds and stops, then conditions on the
+  motion with the least slack, then the objective;
 - `level_qp`: tasks in strict levels of priority, a QP for each level;
 - `least_norm`: bounded least squares, the minimiser of least norm, for CLF-QP and `allocate`;
 - `qp`: the solvers, with residuals of their answers and a clock; no other file imports DAQP and

@@ -28,9 +28,11 @@ class StoppedStep:
     state : State
         The state at its begin.
     tau : float
-        The step (s); at 0 there is no mode but `free`.
+        The step (s), > 0 if joints have stops.
     M, h : ndarray, (n, n), (n,)
         The dynamics over the step, see `softdyn.controllers.qps.horizon`.
+    stops : bool
+        Whether joints have stops; else there is no mode but `free`.
 
     Attributes
     ----------
@@ -38,9 +40,11 @@ class StoppedStep:
         The mode in which no stop holds a joint.
     """
 
-    def __init__(self, state: State, tau: float, M: np.ndarray, h: np.ndarray) -> None:
+    def __init__(
+        self, state: State, tau: float, M: np.ndarray, h: np.ndarray, *, stops: bool = True
+    ) -> None:
         self.tau, self.free = tau, np.zeros(len(h), int)
-        self._state, self._M, self._h = state, M, h
+        self._state, self._M, self._h, self._stopped = state, M, h, stops
         model = state.model
         self._q = model.coordinates(state.q)
         # a joint that is beyond a stop may stay there
@@ -50,6 +54,8 @@ class StoppedStep:
     @cached_property
     def still(self) -> np.ndarray:
         """The mode (n,) of stops that hold the joints that pass them at their present velocity."""
+        if not self._stopped:
+            return self.free
         low, high = self._ends
         return np.where(low >= 0, -1, np.where(high <= 0, 1, 0))
 
@@ -62,22 +68,18 @@ class StoppedStep:
         )
         return low, high
 
-    @cached_property
-    def _moved(self) -> np.ndarray:
-        """M⁻¹ (B, h, I), (n, nu + 1 + n)."""
-        eye = np.eye(len(self._h))
-        return np.linalg.solve(self._M, np.column_stack((self._state.B, self._h, eye)))
-
     def response(self, mode: np.ndarray) -> np.ndarray:
-        """(X, x), (n, nu + 1), of q̈ = X u - x in a mode."""
-        free, pushed = self._moved[:, : -len(mode)], self._moved[:, -len(mode) :]
-        held = np.flatnonzero(mode)
-        if not held.size:
-            return free
-        low, high = self._ends
-        missing = free[held]
-        missing[:, -1] += np.where(mode < 0, low, high)[held]
-        return free - pushed[:, held] @ np.linalg.solve(pushed[np.ix_(held, held)], missing)
+        """(X, x), (n, nu + 1), of q̈ = X u + x in a mode."""
+        right = np.column_stack((self._state.B, -self._h))
+        if not mode.any():
+            return np.linalg.solve(self._M, right)
+        held, free = np.flatnonzero(mode), np.flatnonzero(mode == 0)
+        found, (low, high) = np.zeros(right.shape), self._ends
+        found[held, -1] = np.where(mode < 0, low, high)[held]
+        right = right[free]
+        right[:, -1] -= self._M[np.ix_(free, held)] @ found[held, -1]
+        found[free] = np.linalg.solve(self._M[np.ix_(free, free)], right)
+        return found
 
     def unstopped(self, u: np.ndarray) -> np.ndarray:
         """q̈ (n,) under u without stops."""
@@ -89,6 +91,8 @@ class StoppedStep:
 
         The mode is -1 for joints that their lower stops hold, 1 for upper stops, else 0.
         """
+        if not self._stopped:
+            return self.unstopped(u), self.free
         v, A = self._state.v, self._M / self.tau
         r = self._h - self._state.B @ u - A @ v
         speeds, mode = self._stops.solve(A, r, self._q, self.tau, start)

@@ -20,8 +20,8 @@ from softdyn.controllers.barriers import (
     UnsafeStart,
 )
 from softdyn.controllers.qps.horizon import Horizon
+from softdyn.controllers.qps.lexicographic_qp import ROOM, LexicographicQp, Rows
 from softdyn.controllers.qps.qp import QpProblem
-from softdyn.controllers.qps.relaxed_rows import ROOM, RelaxedRows, Rows
 from softdyn.controllers.qps.task_qp import BACKOFF
 from softdyn.safety import HalfSpace, KeepOutSphere
 from softdyn.validation import simulate
@@ -147,7 +147,7 @@ def test_the_least_by_which_rows_give_way() -> None:
         matrix = np.vstack((first, -first[:1] - 0.1 * first[1:], rng.normal(size=3) / span))
         unit = 10.0 ** rng.uniform(-3, -1, 4)
         upper = np.array([-0.3, -0.4, -0.2, 5.0])
-        found, _ = RelaxedRows(-span, span).least_excess(Rows(matrix, upper, unit), np.zeros(3))
+        found, _ = LexicographicQp(-span, span).least_slack(Rows(matrix, upper, unit), np.zeros(3))
 
         # in u / span and s, with a weight on u far below the tested accuracy
         scaled, bound = matrix * span / unit[:, None], upper / unit
@@ -160,12 +160,12 @@ def test_the_least_by_which_rows_give_way() -> None:
 
 
 def test_without_an_accurate_answer_the_input_is_that_of_least_excess(monkeypatch) -> None:
-    qp = RelaxedRows(np.full(2, -1.0), np.ones(2))
+    qp = LexicographicQp(np.full(2, -1.0), np.ones(2))
     monkeypatch.setattr(qp, "_restricted", lambda *a: None)
     A, (lower, upper) = np.eye(2), np.array([[-1.0, -1.0], [1.0, 1.0]])
     problem = QpProblem(np.eye(2), np.zeros(2), A, lower, upper)
     rows = Rows(np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([-0.5, -0.5]), np.ones(2))
-    found = qp(problem, np.array([0.0, 0.3]), rows)
+    found = qp.ordered(problem, np.array([0.0, 0.3]), rows)
     assert found is not None
     assert found.least
     np.testing.assert_allclose(found.solution.x, [0.0, 0.3], atol=1e-6)

@@ -13,8 +13,8 @@ from softdyn import SetPoint, State
 from softdyn.controllers import SafetyFilter
 from softdyn.controllers.barriers import BarrierRows, JointLimits, UnsafeStart
 from softdyn.controllers.qps.horizon import Horizon
+from softdyn.controllers.qps.lexicographic_qp import ROOM
 from softdyn.controllers.qps.qp import QpProblem, QpSolution
-from softdyn.controllers.qps.relaxed_rows import ROOM
 from softdyn.controllers.qps.stopped_step import StoppedStep
 from softdyn.safety import HalfSpace
 
@@ -56,7 +56,7 @@ def test_the_motion_is_that_of_least_gauss_constraint(name: str) -> None:
         X = step.response(mode)
         wanted = exact(state, M, h, u)
         np.testing.assert_allclose(
-            X[:, :-1] @ u - X[:, -1], wanted, atol=1e-8 * np.abs(wanted).max()
+            X[:, :-1] @ u + X[:, -1], wanted, atol=1e-8 * np.abs(wanted).max()
         )
         np.testing.assert_allclose(qdd, wanted, atol=1e-8 * np.abs(wanted).max())
     assert held > 10

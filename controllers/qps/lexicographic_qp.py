@@ -1,0 +1,282 @@
+"""A QP on the inputs u of a step with stops, in strict order of importance.
+
+1. The bounds of u, and the stops of joints, which decide q̈(u) (`stopped_step`).
+2. Conditions A q̈ + c ≥ -unit s, with the least ‖s‖².
+3. The objective, with this s.
+
+For a mode of the stops, q̈ is linear in u, and 2 and 3 are QPs. The outer loop over the stops is
+`Stops.solve`: it says to which mode an answer leads. If the answer breaks conditions in this mode,
+their rows join those that the QP has. They also stay after the mode has changed, or answers would
+alternate between modes. So the loop ends at an input that meets the conditions of its own mode, at
+the price that it may meet those of other modes too. Few conditions ever matter, so only those that
+an answer breaks become rows.
+
+The QP of 3 comes first: if it has an answer without slack, it is the answer. If s is needed, it is
+the answer of 3 with conditions relaxed by s. Its feasible set may be thinner than the solver's
+tolerance. If it has no accurate answer, the result is that of 2: of the inputs with this s, the one
+nearest to the input without conditions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from softdyn.controllers.qps.qp import DenseQp, QpProblem, QpSolution
+from softdyn.controllers.qps.stopped_step import StoppedStep
+
+ROOM = 1e-2  # of a row's unit; every row is relaxed by it, because a QP needs an interior
+NEGLIGIBLE = 1e-6  # of a row's unit
+ENOUGH = ROOM + 2 * NEGLIGIBLE  # excess of a row, in units, that counts as none
+MET = 2 * ROOM  # excess of an answer, in units, that counts as none
+TIE = 1e-6  # weight that chooses among inputs of the same slack
+ROUNDS = 8  # largest number of QPs of an outer loop
+MOST = 20  # rows of a step that a round adds, those of largest excess
+
+
+class Rows(NamedTuple):
+    """matrix (p, nu) @ u ≤ upper (p,); `unit` (p,) makes the excesses of rows comparable."""
+
+    matrix: np.ndarray
+    upper: np.ndarray
+    unit: np.ndarray
+
+    @classmethod
+    def joined(cls, parts: Sequence[Rows]) -> Rows:
+        """The rows of all parts."""
+        return cls(*(np.concatenate(same) for same in zip(*parts, strict=True)))
+
+    def where(self, chosen: np.ndarray) -> Rows:
+        """Some of the rows."""
+        return Rows(*(part[chosen] for part in self))
+
+    def excess(self, u: np.ndarray) -> np.ndarray:
+        """Excess (p,) of each row at u, in units; negative where u meets it."""
+        excess: np.ndarray = (self.matrix @ u - self.upper) / self.unit
+        return excess
+
+
+class Conditions(NamedTuple):
+    """Conditions A q̈ + c ≥ 0 on the accelerations of a step.
+
+    Attributes
+    ----------
+    step : StoppedStep
+        The step.
+    A : ndarray, (p, n)
+        Their matrix.
+    c : ndarray, (p,)
+        Their constant.
+    unit : ndarray, (p,)
+        It makes their excesses comparable.
+    free : ndarray of bool, (p,)
+        The conditions on q̈ without stops.
+    """
+
+    step: StoppedStep
+    A: np.ndarray
+    c: np.ndarray
+    unit: np.ndarray
+    free: np.ndarray
+
+    def excess(self, u: np.ndarray) -> np.ndarray:
+        """Excess (p,) of each condition at u in the mode that it leads to, in units."""
+        qdd, mode = self.step.motion(u, self.step.free)
+        second = self.A @ qdd
+        if mode.any() and self.free.any():
+            second[self.free] = self.A[self.free] @ self.step.unstopped(u)
+        excess: np.ndarray = -(second + self.c) / self.unit
+        return excess
+
+    def rows(self, mode: np.ndarray) -> Rows:
+        """The conditions (p rows) in a mode."""
+        response = self.A @ self.step.response(mode)
+        if mode.any() and self.free.any():
+            response[self.free] = self.A[self.free] @ self.step.response(self.step.free)
+        return Rows(-response[:, :-1], self.c + response[:, -1], self.unit)
+
+
+class Answer(NamedTuple):
+    """An answer of the outer loop.
+
+    Attributes
+    ----------
+    solution : QpSolution
+        The answer.
+    excess : float
+        Its largest excess in its own mode, in units.
+    least : bool
+        Whether the objective had no part in it; unknowns other than u then have no value.
+    """
+
+    solution: QpSolution
+    excess: float = np.inf
+    least: bool = False
+
+
+class Ordered(NamedTuple):
+    """An answer of 2 and 3 in known modes; `slack` says whether it needs any, `least` as above."""
+
+    solution: QpSolution
+    slack: bool = False
+    least: bool = False
+
+
+class LexicographicQp:
+    """Solves QPs whose first unknowns are u, with conditions on q̈.
+
+    Parameters
+    ----------
+    u_min, u_max : ndarray, (nu,)
+        Bounds of u.
+    """
+
+    def __init__(self, u_min: np.ndarray, u_max: np.ndarray) -> None:
+        self._u_min, self._u_max = u_min, u_max
+        self._range = np.where(u_max > u_min, u_max - u_min, 1.0)
+        self._solvers: dict[tuple[int, int], DenseQp] = {}
+
+    def __call__(
+        self,
+        problem: QpProblem,
+        solution: QpSolution,
+        conditions: Sequence[Conditions],
+        modes: Sequence[np.ndarray],
+        *,
+        slack: bool = True,
+    ) -> Answer:
+        """The answer of least excess in the outer loop.
+
+        Parameters
+        ----------
+        problem : QpProblem
+            The objective, with the bounds of u.
+        solution : QpSolution
+            Its answer without conditions.
+        conditions : sequence of Conditions
+            Those of each step.
+        modes : sequence of ndarray of int, (n,)
+            The first mode of each step.
+        slack : bool
+            Whether conditions may have slack; else the loop ends where they need it.
+        """
+        u = wanted = solution.x[: len(self._range)]
+        best, parts, answer = Answer(solution), list[Rows](), Ordered(solution)
+        known: dict[tuple[int, bytes], tuple[Rows, np.ndarray]] = {}  # rows, which the QP has
+
+        def seen(modes: Sequence[np.ndarray]) -> list[tuple[Rows, np.ndarray, np.ndarray]]:
+            """The rows of each step in a mode, those that the QP has, and the excess of all."""
+            found = []
+            for k, mode in enumerate(modes):
+                key = k, mode.tobytes()
+                if key not in known:
+                    rows = conditions[k].rows(mode)
+                    known[key] = rows, np.zeros(len(rows.upper), bool)
+                found.append((*known[key], known[key][0].excess(u)))
+            return found
+
+        here = seen(modes)
+        for k in range(ROUNDS):
+            before = len(parts)
+            for rows, has, excess in here:
+                worst = np.argsort(np.where(has, np.inf, -excess))[:MOST]
+                new = worst[(excess[worst] > ENOUGH) & ~has[worst]]
+                if new.size:
+                    has[new] = True
+                    parts.append(rows.where(new))
+            if len(parts) > before:
+                found = self.ordered(problem, wanted, Rows.joined(parts), slack, answer.slack)
+                if found is None:
+                    break
+                answer = found
+                u = answer.solution.x[: len(wanted)]
+            elif k:
+                break
+            modes = [
+                one.step.motion(u, mode)[1] for one, mode in zip(conditions, modes, strict=True)
+            ]
+            here = seen(modes)
+            most = max(float(excess.max(initial=0.0)) for *_, excess in here)
+            if most < best.excess:
+                best = Answer(answer.solution, most, answer.least)
+        return best
+
+    def ordered(
+        self, problem: QpProblem, wanted: np.ndarray, rows: Rows, slack: bool = True,
+        needed: bool = False,
+    ) -> Ordered | None:  # fmt: skip
+        """Levels 2 and 3 with the rows of known modes.
+
+        Parameters
+        ----------
+        problem : QpProblem
+            The objective, with the bounds of u.
+        wanted : ndarray, (nu,)
+            The input without rows.
+        rows : Rows
+            The rows.
+        slack : bool
+            Whether rows may have slack; else None where they need it.
+        needed : bool
+            Whether it is known that they need it.
+        """
+        if not needed:
+            found = self._restricted(problem, rows.matrix, rows.upper + rows.unit * ROOM)
+            if found is not None and found.solved:
+                return Ordered(found)
+        excess, nearest = self.least_slack(rows, wanted)
+        needed = excess.max(initial=0.0) > ROOM
+        if needed and not slack:
+            return None
+        limits = np.where(excess > ROOM, excess + ROOM, ROOM)
+        found = self._restricted(problem, rows.matrix, rows.upper + rows.unit * limits)
+        if found is not None and found.solved:
+            return Ordered(found, needed)
+        x = np.concatenate((nearest, np.full(len(problem.g) - len(nearest), np.nan)))
+        answer = QpSolution(x, np.zeros(len(problem.lower)), 0.0, 0.0, 0.0)
+        return Ordered(answer, needed, True)
+
+    def _restricted(
+        self, problem: QpProblem, matrix: np.ndarray, upper: np.ndarray
+    ) -> QpSolution | None:
+        """The answer of `problem` with the further rows `matrix` u ≤ `upper` (p,)."""
+        (p, m), size = matrix.shape, len(problem.g)
+        restricted = QpProblem(
+            problem.H,
+            problem.g,
+            np.vstack((problem.A, np.hstack((matrix, np.zeros((p, size - m)))))),
+            np.concatenate((problem.lower, np.full(p, -np.inf))),
+            np.concatenate((problem.upper, upper)),
+        )
+        return self._solver(size, len(restricted.lower)).solve(restricted)
+
+    def least_slack(self, rows: Rows, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The least slack (p,) of the rows, in units, and an admissible input (nu,) with it.
+
+        It is the s of min ‖s‖² over matrix u - unit s ≤ upper, u in bounds; s ≥ 0 needs no row. Of
+        several such inputs, the one nearest to `wanted` is taken.
+        """
+        p, m = rows.matrix.shape
+        matrix, upper = rows.matrix / rows.unit[:, None], rows.upper / rows.unit
+        # the weight is relative to the inputs' effect on the rows: a smaller one would be rounding
+        effect = max(1.0, float(np.linalg.norm(matrix * self._range, axis=1).max(initial=0.0)))
+        tie = TIE * (effect / self._range) ** 2
+        H, g = np.diag(np.concatenate((tie, np.ones(p)))), np.zeros(m + p)
+        g[:m] = -tie * wanted
+        A = np.zeros((m + p, m + p))
+        A[:m, :m] = np.eye(m)
+        A[m:, :m], A[m:, m:] = matrix, -np.eye(p)
+        lower = np.concatenate((self._u_min, np.full(p, -np.inf)))
+        solution = self._solver(m + p, m + p).solve(
+            QpProblem(H, g, A, lower, np.concatenate((self._u_max, upper)))
+        )
+        u = wanted if solution is None else np.clip(solution.x[:m], self._u_min, self._u_max)
+        return np.maximum(matrix @ u - upper, 0.0), u
+
+    def _solver(self, variables: int, rows: int) -> DenseQp:
+        key = variables, rows
+        if key not in self._solvers:
+            self._solvers[key] = DenseQp(variables, rows)
+        return self._solvers[key]
