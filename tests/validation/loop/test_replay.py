@@ -11,7 +11,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 import softdyn
-from softdyn import InputError, SetPoint
+from softdyn import SetPoint
 from softdyn.controllers import LogChannel
 from softdyn.safety import HalfSpace, KeepOutSphere, Surroundings
 from softdyn.validation import Log, paper, simulate

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import SetPoint
+from softdyn import InputError, SetPoint
 from softdyn.controllers import Gains, Mpc
 from softdyn.controllers.registry import CONTROLLERS
 from softdyn.validation import paper, simulate
