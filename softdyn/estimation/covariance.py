@@ -29,7 +29,7 @@ def predict(P, by_state, by_force, noise, held, stops, step, moving, decay, adde
     noise : ndarray, (n,)
         Variances of the joint forces, each for a second.
     stops : float
-        Variance of the position of a joint that a stop holds.
+        Variance of the positions of the joints that stops hold.
     step : float
         T (s).
     moving : ndarray of int, (nr,)

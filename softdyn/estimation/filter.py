@@ -28,6 +28,7 @@ from softdyn.estimation.timeline import LONGEST_AGE, SHORTEST, Reading
 HALVINGS = 4  # of a step without a solution
 WINDOW = 0.1  # s, of the readings that judge the process noise: some pictures of a camera
 GATE = 20.0  # deviations; readings further from their prediction count less and less
+SHAKEN = 0.02  # s, in which the variance of joints at stops falls to 1/e after one has met a stop
 KEPT = 1.5  # latencies for which predictions of stamped readings wait
 
 
@@ -60,7 +61,7 @@ class FilteredModel:
     quietest : float
         `EkfParameters.quietest`.
     stops : float
-        Variance of the position of a joint that a stop holds.
+        `EkfParameters.stops`.
     """
 
     def __init__(
@@ -83,7 +84,7 @@ class FilteredModel:
         self.first, self.force_noise, variances = parameters.variances(model, disturbances)
         self.drift = DisturbanceDrift(model, disturbances, variances, parameters.memory)
         self.disturbed, self.quietest = len(variances), parameters.quietest
-        self.stops = parameters.stops**2
+        self.stops = parameters.stops
 
 
 @dataclass(eq=False)
@@ -140,6 +141,8 @@ class Filter:
         The late readings that wait.
     adapted : float
         The logarithm of the factor of the process noise's variance.
+    shaken : float
+        Variance of the positions of the joints that stops hold.
     """
 
     def __init__(
@@ -160,7 +163,7 @@ class Filter:
         variances = scale * self._filtered.first, self._filtered.drift.variances
         self.P = np.diag(np.concatenate(variances))
         self.late = LateReadings(len(self.P))
-        self.adapted = self._information = 0.0
+        self.adapted = self._information = self.shaken = 0.0
         self._corrected, self._change = -math.inf, np.empty(0)
 
     def widened(self, scale: float) -> Filter:
@@ -194,9 +197,10 @@ class Filter:
             return halvings > 0 and all(
                 self.predict(commands, step / 2, halvings - 1) for _ in range(2)
             )
+        self._shake(found.held, step)
         noise = math.exp(self.adapted) * known.force_noise
         predict(
-            self.P, found.by_state, found.by_force, noise, found.held, known.stops, step,
+            self.P, found.by_state, found.by_force, noise, found.held, self.shaken, step,
             known.drift.moving, *known.drift.over(step),
         )  # fmt: skip
         self.q[:], self.v[:], self.held[:] = found.q, found.v, found.held
@@ -206,6 +210,17 @@ class Filter:
             known.creep.follow(self.d, self.P, found.v)
         self.inputs[:] = found.inputs
         return True
+
+    def _shake(self, held: np.ndarray, step: float) -> None:
+        """A joint that meets its stop shakes all joints that stops hold, for a while.
+
+        It goes into its stop by less than its way in a step (s), and throws others off theirs.
+        """
+        self.shaken *= math.exp(-step / SHAKEN)
+        met = (held != 0) & (held != self.held)
+        if met.any():
+            way = step * float(np.abs(self.v[met]).max())
+            self.shaken = max(self.shaken, min(way, self._filtered.stops) ** 2)
 
     def expect(self, channel: SensorChannel, commands: np.ndarray) -> Prediction:
         """The present answer of `SensorChannel.expect`.

@@ -53,9 +53,9 @@ class EkfParameters:
     longest : float
         No step of the prediction is longer (s); at least 1e-4.
     stops : float
-        Standard deviation of the position (rad, m) of a joint that a stop holds: stops give way,
-        and joints bounce. A joint that is known exactly there is lost if it bounces; with a large
-        deviation, readings move joints that rest at their stops.
+        Standard deviation of the position (rad, m) of joints at their stops when one of them meets
+        its stop: stops give way, and joints bounce. It is at most the way of that joint in a step,
+        and it fades. Joints that rest at their stops are known exactly.
     """
 
     spread: float = 0.01

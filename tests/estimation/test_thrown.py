@@ -9,6 +9,7 @@ import pytest
 
 from softdyn import SetPoint
 from softdyn.estimation import Ekf, EkfParameters, chi_squared_bounds
+from softdyn.estimation.filter import Filter, FilteredModel
 from softdyn.validation import simulate
 from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.rig import rig_of
@@ -56,6 +57,22 @@ def test_soft_stops_have_a_deviation_of_their_own():
     assert np.maximum(log.q - model.upper, model.lower - log.q).max() > 0.02
     assert judged(model, log, stops=1e-9)[1] > 5
     assert judged(model, log, stops=5e-3)[1] == 0
+
+
+def test_only_a_joint_that_meets_its_stop_makes_joints_at_stops_uncertain():
+    """One that hits its stop shakes the other one off its own; at rest both are known exactly."""
+    model, u = benched(), np.array([60.0, -60.0])
+    known = FilteredModel(model, (), EkfParameters(stops=1e-3))
+    filtered = Filter(known, np.array([1.198, -1.2]), np.array([0.5, 0.0]), u)
+    assert filtered.predict(u, PERIOD)
+    assert filtered.held.tolist() == [1, -1]
+    assert filtered.P.diagonal()[:2] == pytest.approx(1e-6)
+    for _ in range(40):
+        assert filtered.predict(u, PERIOD)
+    assert filtered.P.diagonal()[:2].max() < 1e-6 * 1e-3
+    resting = Filter(known, np.array([1.2, -1.2]), np.zeros(2), u)
+    assert resting.predict(u, PERIOD)
+    assert resting.P.diagonal()[:2] == pytest.approx(0.0, abs=0.0)
 
 
 def test_tension_is_that_of_the_motor_now():
