@@ -29,6 +29,7 @@ HALVINGS = 4  # of a step without a solution
 WINDOW = 0.1  # s, of the readings that judge the process noise: some pictures of a camera
 GATE = 20.0  # deviations; readings further from their prediction count less and less
 SHAKEN = 0.02  # s, in which the variance of joints at stops falls to 1/e after one has met a stop
+LEAST_SPAN = 1e-9  # rad, m; a joint may have no range
 KEPT = 1.5  # latencies for which predictions of stamped readings wait
 
 
@@ -60,6 +61,8 @@ class FilteredModel:
         Variances of a known start, and of the joint forces, each for a second.
     quietest : float
         `EkfParameters.quietest`.
+    span : ndarray, (nv,)
+        The joints' ranges, of which `EkfParameters` has shares.
     stops : float
         `EkfParameters.stops`.
     """
@@ -84,6 +87,7 @@ class FilteredModel:
         self.first, self.force_noise, variances = parameters.variances(model, disturbances)
         self.drift = DisturbanceDrift(model, disturbances, variances, parameters.memory)
         self.disturbed, self.quietest = len(variances), parameters.quietest
+        self.span = np.maximum(parameters.span(model), LEAST_SPAN)
         self.stops = parameters.stops
 
 
@@ -142,7 +146,7 @@ class Filter:
     adapted : float
         The logarithm of the factor of the process noise's variance.
     shaken : float
-        Variance of the positions of the joints that stops hold.
+        Variance of the positions of the joints that stops hold, as shares of their ranges.
     """
 
     def __init__(
@@ -200,8 +204,8 @@ class Filter:
         self._shake(found.held, step)
         noise = math.exp(self.adapted) * known.force_noise
         predict(
-            self.P, found.by_state, found.by_force, noise, found.held, self.shaken, step,
-            known.drift.moving, *known.drift.over(step),
+            self.P, found.by_state, found.by_force, noise, found.held,
+            self.shaken * known.span**2, step, known.drift.moving, *known.drift.over(step),
         )  # fmt: skip
         self.q[:], self.v[:], self.held[:] = found.q, found.v, found.held
         if len(self.d):
@@ -214,13 +218,15 @@ class Filter:
     def _shake(self, held: np.ndarray, step: float) -> None:
         """A joint that meets its stop shakes all joints that stops hold, for a while.
 
-        It goes into its stop by less than its way in a step (s), and throws others off theirs.
+        It met the stop at some time of the step (s), and throws others off theirs. The deviation is
+        that of its way until then, as a share of its range: of T v / √12.
         """
         self.shaken *= math.exp(-step / SHAKEN)
         met = (held != 0) & (held != self.held)
         if met.any():
-            way = step * float(np.abs(self.v[met]).max())
-            self.shaken = max(self.shaken, min(way, self._filtered.stops) ** 2)
+            known = self._filtered
+            way = step * float(np.abs(self.v[met] / known.span[met]).max())
+            self.shaken = max(self.shaken, min(way**2 / 12, known.stops**2))
 
     def expect(self, channel: SensorChannel, commands: np.ndarray) -> Prediction:
         """The present answer of `SensorChannel.expect`.
