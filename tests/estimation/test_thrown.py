@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import softdyn
 from softdyn import SetPoint
+from softdyn.description.urdf import parse_text
 from softdyn.estimation import Ekf, EkfParameters, chi_squared_bounds
 from softdyn.estimation.filter import Filter, FilteredModel
 from softdyn.validation import simulate
 from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.rig import rig_of
-from tests.support.benched import benched
+from tests.support.benched import ARM, benched
 
 PERIOD, WINDOW = 0.005, 40  # s; steps, as the bench judges an estimate
 
@@ -76,6 +79,17 @@ def test_only_a_joint_that_meets_its_stop_makes_joints_at_stops_uncertain():
     resting = Filter(known, np.array([1.2, -1.2]), np.zeros(2), u)
     assert resting.predict(u, PERIOD)
     assert resting.P.diagonal()[:2] == pytest.approx(0.0, abs=0.0)
+
+
+def test_joints_of_short_ranges_are_less_uncertain():
+    """A millimetre in a joint that slides by 20 mm is lost at once."""
+    short = ARM.replace('lower="-1.2" upper="1.2"', 'lower="-0.01" upper="0.01"')
+    model = softdyn.build(parse_text(short, path=Path("short.urdf")))
+    known = FilteredModel(model, (), EkfParameters(stops=1e-3))
+    filtered = Filter(known, np.zeros(2), np.full(2, 5.0), np.zeros(2))
+    assert filtered.predict(np.zeros(2), PERIOD)
+    assert filtered.held.all()
+    assert filtered.P.diagonal()[:2] == pytest.approx((1e-3 * 0.02) ** 2)
 
 
 def test_tension_is_that_of_the_motor_now():
