@@ -49,7 +49,7 @@ from softdyn.controllers.qps.lexicographic_qp import (
     Rows,
 )
 from softdyn.controllers.qps.qp import QpProblem, QpSolution
-from softdyn.controllers.qps.stopped_step import StoppedStep
+from softdyn.controllers.qps.stopped_step import StoppedStep, stops_around
 from softdyn.copies import KeepsMaking
 from softdyn.description.robot import sliding
 from softdyn.dynamics.stops import Stops
@@ -162,7 +162,9 @@ class BarrierRows:
         self._horizon = Horizon(model, tau)
         self._values = BarrierSet(model, self._barriers)
         Stops.of(model).prepare()  # those of a step are solved alike
-        self._qp, self._unit = LexicographicQp(model.u_min, model.u_max), _joint_units(model)
+        self._qp = LexicographicQp(model.u_min, model.u_max)
+        eye, self._unit = np.eye(model.nv), np.tile(_joint_units(model), 2)
+        self._both, self._none = np.vstack((eye, -eye)), np.zeros(2 * model.nv, bool)
         self.reset()
 
     def reset(self, period: float = 0.0) -> None:
@@ -177,7 +179,10 @@ class BarrierRows:
     def at(self, state: State) -> Rows:
         """Every barrier's rows where no joint is at a stop."""
         values, steps = self._at(state), self._steps(state)
-        return Rows.joined([self._conditions(values, one, state).rows(one.free) for one in steps])
+        every = np.arange(len(values.b))
+        return Rows.joined([
+            self._conditions(values, one, state).rows(one.free, every) for one in steps
+        ])  # fmt: skip
 
     def _at(self, state: State) -> BarrierValues:
         """The values of all barriers; a state without guarantee is counted."""
@@ -200,8 +205,8 @@ class BarrierRows:
         """The steps τ that have rows; in a run the last is the control period."""
         over = [self._horizon] if self._horizon.tau or self._hold is None else []
         over += [] if self._hold is None else [self._hold]
-        stops = self._hold is not None
-        return [StoppedStep(state, one.tau, *one(state), stops=stops) for one in over]
+        stops = None if self._hold is None else stops_around(state)
+        return [StoppedStep(state, one.tau, *one(state), stops) for one in over]
 
     def _count(self, values: BarrierValues, of: np.ndarray) -> None:
         """Count a state without guarantee; warn if a run starts at one."""
@@ -249,7 +254,9 @@ class BarrierRows:
         u, running = solution.x[: state.B.shape[1]], self._hold is not None
         steps = self._steps(state)
         every = [self._conditions(values, one, state) for one in steps]
-        if all((one.excess(u) <= ENOUGH).all() for one in every):
+        if all(
+            (one.excess(u, *one.step.motion(u, one.step.free)) <= ENOUGH).all() for one in every
+        ):
             return solution
         best = self._qp(problem, solution, every, [one.still for one in steps], slack=not running)
         if running and best.excess > MET:
@@ -278,14 +285,10 @@ class BarrierRows:
         tau, A, free = step.tau, values.gradient, values.limits
         c, unit = values.braking(tau) if braking else values.allowed(tau)
         if self._period and tau == self._period:
-            eye, v, leap = np.eye(len(state.v)), state.v, self._unit / tau**2
-            most = np.maximum(LEAP * leap, np.abs(v) / tau)
-            A = np.concatenate((A, eye, -eye))
-            c = np.concatenate((c, most + v / tau, most - v / tau))
-            unit, free = (
-                np.concatenate((unit, leap, leap)),
-                np.append(free, np.zeros(2 * len(v), bool)),
-            )
+            leap, v = self._unit / tau**2, self._both @ (state.v / tau)
+            A = np.concatenate((A, self._both))
+            c = np.concatenate((c, np.maximum(LEAP * leap, np.abs(v)) + v))
+            unit, free = np.concatenate((unit, leap)), np.concatenate((free, self._none))
         return Conditions(step, A, c, unit, free)
 
 
