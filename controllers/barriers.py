@@ -258,15 +258,11 @@ class BarrierRows:
             (one.excess(u, *one.step.motion(u, one.step.free)) <= ENOUGH).all() for one in every
         ):
             return solution
-        best = self._qp(problem, solution, every, [one.still for one in steps], slack=not running)
+        best = self._qp(problem, solution, every, slack=not running)
         if running and best.excess > MET:
+            needed = self._conditions(values, steps[-1], state, braking=True)
+            best = self._qp(problem, solution, [needed])
             self.braked += 1
-            over = steps[-1]
-            needed = [self._conditions(values, over, state, braking=True)]
-            best = self._qp(problem, solution, needed, [over.still])
-            if best.excess > MET:
-                again = self._qp(problem, solution, needed, [over.motion(u, over.free)[1]])
-                best = min(best, again, key=lambda one: one.excess)
         if best.excess > MET:
             self.relaxed, self.relaxation = self.relaxed + 1, max(self.relaxation, best.excess)
             self._warn_of_loads(values)

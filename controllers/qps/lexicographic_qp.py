@@ -104,12 +104,15 @@ class Answer(NamedTuple):
         The answer.
     excess : float
         Its largest excess in its own mode, in units.
+    square : float
+        The sum of squares of its excesses.
     least : bool
         Whether the objective had no part in it; unknowns other than u then have no value.
     """
 
     solution: QpSolution
     excess: float = np.inf
+    square: float = np.inf
     least: bool = False
 
 
@@ -140,11 +143,12 @@ class LexicographicQp:
         problem: QpProblem,
         solution: QpSolution,
         conditions: Sequence[Conditions],
-        modes: Sequence[np.ndarray],
         *,
         slack: bool = True,
     ) -> Answer:
-        """The answer of least excess in the outer loop.
+        """The answer in its own mode, or that of least squares of excess if none is found.
+
+        The first mode is that of unchanged velocities, and then that of `solution`.
 
         Parameters
         ----------
@@ -154,11 +158,29 @@ class LexicographicQp:
             Its answer without conditions.
         conditions : sequence of Conditions
             Those of each step.
-        modes : sequence of ndarray of int, (n,)
-            The first mode of each step.
         slack : bool
-            Whether conditions may have slack; else the loop ends where they need it.
+            Whether conditions may have slack; else a loop ends where they need it.
         """
+        steps = [one.step for one in conditions]
+        still = [step.still for step in steps]
+        best = self._loop(problem, solution, conditions, still, slack)
+        if best.excess > MET:
+            u = solution.x[: len(self._range)]
+            own = [step.motion(u, step.free)[1] for step in steps]
+            if not np.array_equal(own, still):
+                again = self._loop(problem, solution, conditions, own, slack)
+                best = min(best, again, key=lambda one: one.square)
+        return best
+
+    def _loop(
+        self,
+        problem: QpProblem,
+        solution: QpSolution,
+        conditions: Sequence[Conditions],
+        modes: Sequence[np.ndarray],
+        slack: bool,
+    ) -> Answer:
+        """The best answer of the outer loop from some modes, one for each step."""
         u = wanted = solution.x[: len(self._range)]
         best, parts, answer = Answer(solution), list[Rows](), Ordered(solution)
         known: dict[tuple[int, bytes], np.ndarray] = {}  # whether the QP has a condition in a mode
@@ -169,9 +191,11 @@ class LexicographicQp:
         ]
         for k in range(ROUNDS + 1):
             excess = [one.excess(u, *m) for one, m in zip(conditions, motions, strict=True)]
-            most = max(float(part.max(initial=0.0)) for part in excess)
-            if k and most < best.excess:
-                best = Answer(answer.solution, most, answer.least)
+            if k:
+                over = np.maximum(np.concatenate(excess), 0.0)
+                square = float(over @ over)
+                if square < best.square:
+                    best = Answer(answer.solution, float(over.max()), square, answer.least)
             before = len(parts)
             for i, (one, (_, mode), own) in enumerate(
                 zip(conditions, motions, excess, strict=True)
