@@ -45,10 +45,10 @@ def leaves(theta: float) -> Iterator[tuple[str, float]]:
     yield "as it is (cm)", simulate(model, best(model), case).final_error_cm
     rests = RestTargets(model).find(case.reference(0.0).y, waits=True)
     assert rests
-    start = {"q0": rests[0].q}
-    yield "from the rest (cm)", simulate(model, best(model), case, **start).final_error_cm
-    held = simulate(model, ShapeFeedback(model, rests[0], PERIOD), case, **start)
-    yield "from the rest, with feedback of all joints (cm)", held.final_error_cm
+    q, feedback = rests[0].q, ShapeFeedback(model, rests[0], PERIOD)
+    for label, law in {"": best(model), ", with feedback of all joints": feedback}.items():
+        controller: Any = law
+        yield f"from the rest{label} (cm)", simulate(model, controller, case, q0=q).final_error_cm
 
 
 class ShapeFeedback:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 import softdyn
@@ -34,7 +36,7 @@ def test_feedback_of_all_joints_holds_a_rest():
     model, u = softdyn.load("finger"), np.array([0.05, 0.1])
     there = statics.settle(model, u)
     rest = RestTarget(there.q, u, True, 0.0)
-    feedback = lost_cells.ShapeFeedback(model, rest, 0.005)
+    feedback: Any = lost_cells.ShapeFeedback(model, rest, 0.005)
     goal, start = softdyn.SetPoint(there.y), there.q + 0.05
     held = simulate(model, feedback, goal, q0=start, duration=0.5, period=0.005)
     free = simulate(model, lambda *_: u, goal, q0=start, duration=0.5, period=0.005)
