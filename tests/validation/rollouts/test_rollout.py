@@ -109,7 +109,8 @@ def test_starts_that_do_not_fit_are_refused(arm, name, start):
     assert caught.value.name == name
 
 
-def test_runs_behind_a_rig_are_in_processes_and_the_same(arm):
+def test_runs_behind_a_rig_are_in_processes_and_the_same(arm, monkeypatch):
+    monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "2")
     rig, batch = Rig(lag=0.02, delay=0.003), [np.full(arm.nu, u) for u in (0.5, 2.0)]
     found = rollouts(arm, batch, 0.04, rig=rig)
     for log, u in zip(found, batch, strict=True):
