@@ -19,7 +19,7 @@ from softdyn.loading import load_text
 from tests.support import cart
 from tests.support.arms import PROJECTIONS
 from tests.support.balance_cases import BALANCED, balanced, case
-from tests.support.oracles import relative
+from tests.support.oracles import relative, slopes
 from tests.support.random_robots import write_robot
 from tests.support.rigs import slackened, wound
 from tests.support.robots import GRIPPER, WALKER, write
@@ -88,15 +88,10 @@ def test_jacobians(everything, motors):
 
     zero = [np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(model.nu), np.zeros(len(d))]
     for k, name in enumerate(("by_q", "by_v", "by_a", "by_commands", "by_d")):
-        block, columns = getattr(found, name), []
-        for axis in np.eye(block.shape[1]):
-            near, far = (
-                residual(*zero[:k], step * axis, *zero[k + 1 :])
-                - residual(*zero[:k], -step * axis, *zero[k + 1 :])
-                for step in (h, 2 * h)
-            )
-            columns.append((8 * near - far) / (12 * h))
-        assert relative(np.array(columns).reshape(-1, n).T, block, 1e-3) < BAR, name
+        block = getattr(found, name)
+        moved = lambda x, k=k: residual(*zero[:k], x, *zero[k + 1 :])  # noqa: E731
+        if block.size:
+            assert relative(slopes(moved, block.shape[1], h), block, 1e-3) < BAR, name
 
 
 def test_results_are_new(model):

@@ -11,7 +11,7 @@ import softdyn
 from softdyn import InputError
 from softdyn.validation import Integrator, Log, Rig, rollout, rollouts
 from softdyn.validation.rollouts import threads
-from tests.support.cart import DAMPING, LENGTH, MASS, STIFFNESS, text
+from tests.support.cart import LENGTH, step_response, text
 from tests.support.command import command
 from tests.support.logs import assert_same
 from tests.support.robots import load, slide
@@ -25,13 +25,6 @@ def cart(tmp_path_factory):
 @pytest.fixture(scope="module")
 def arm():
     return softdyn.load("spirob")
-
-
-def step_response(t, force):
-    rate, natural = DAMPING / (2 * MASS), STIFFNESS / MASS
-    omega = math.sqrt(natural - rate**2)
-    wave = np.cos(omega * t) + rate / omega * np.sin(omega * t)
-    return force / STIFFNESS * (1 - np.exp(-rate * t) * wave)
 
 
 @pytest.mark.parametrize(("scheme", "order"), [(Integrator.IMPLICITFAST, 1), ("rk4", 4)])
