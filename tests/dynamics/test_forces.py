@@ -28,8 +28,8 @@ from softdyn.identification.trajectory import Start, follow
 from softdyn.sensing import Sensor, SensorKind
 from softdyn.statics.zero_dynamics import examine
 from tests.support.arms import PROJECTIONS
+from tests.support.named_models import named_model
 from tests.support.oracles import gradient, relative, slopes
-from tests.support.robots import GRIPPER, WALKER, write
 
 ROBOTS = ("finger", "helix", "spirob48", "walker", "walking gripper", *PROJECTIONS)
 
@@ -83,14 +83,9 @@ class Turning:
         return 0.01 * (skew - skew.T) @ q
 
 
-@pytest.fixture(params=ROBOTS)
+@pytest.fixture(params=ROBOTS, ids=str)
 def model(request, tmp_path) -> SoftModel:
-    if request.param in PROJECTIONS:
-        return PROJECTIONS[request.param](tmp_path)
-    texts = {"walker": WALKER, "walking gripper": GRIPPER}
-    if request.param in texts:
-        return softdyn.load(write(tmp_path, texts[request.param]), floating=True)
-    return softdyn.load(request.param)
+    return named_model(request.param, tmp_path)
 
 
 def random_state(model: SoftModel, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -14,8 +14,8 @@ from softdyn.description.rig import CommandKind
 from softdyn.dynamics.integrators import step_implicit
 from tests.support.arms import PROJECTIONS
 from tests.support.cart import cart as on_a_spring
+from tests.support.named_models import named_model
 from tests.support.oracles import relative, slopes
-from tests.support.random_robots import write_robot
 from tests.support.rigs import wound
 
 BAR = 1e-7
@@ -24,10 +24,7 @@ SEEDS = (1, 12, 16, 19, 23)  # with inputs on fixed and spatial tendons
 
 @pytest.fixture(params=[*SEEDS, "spirob", *PROJECTIONS], ids=str)
 def model(request, tmp_path) -> SoftModel:
-    which = request.param
-    if which in PROJECTIONS:
-        return wound(PROJECTIONS[which](tmp_path))
-    return wound(softdyn.load(write_robot(which, tmp_path) if isinstance(which, int) else which))
+    return wound(named_model(request.param, tmp_path))
 
 
 def cases(model: SoftModel, count: int = 3):

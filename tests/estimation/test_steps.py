@@ -12,15 +12,15 @@ from softdyn.dynamics.implicit_step import ImplicitStep, ImplicitStepResult
 from softdyn.estimation import Disturbance
 from softdyn.estimation.arrivals import second_order, sharp
 from softdyn.sensing import Sensors
-from tests.support.balance_cases import BALANCED, balanced, case
+from tests.support.named_models import BALANCED, case, named_model
 from tests.support.oracles import relative, slopes
 
 ALL = tuple(Disturbance)
 
 
-@pytest.fixture(params=BALANCED)
+@pytest.fixture(params=BALANCED, ids=str)
 def model(request, tmp_path):
-    return balanced(request.param, tmp_path)
+    return named_model(request.param, tmp_path)
 
 
 def test_second_order_is_the_mean_and_variance_of_a_spread_state():

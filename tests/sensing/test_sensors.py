@@ -19,25 +19,19 @@ from softdyn.dynamics.projection import underlying_tree
 from softdyn.sensing import Sensors
 from tests.support.arms import PROJECTIONS
 from tests.support.cart import cart
+from tests.support.named_models import named_model
 from tests.support.oracles import relative, slopes
-from tests.support.random_robots import write_robot
 from tests.support.rigs import measured, wound
-from tests.support.robots import GRIPPER, WALKER, write
+from tests.support.robots import WALKER, write
 
 BAR = 1e-7
 SEEDS = (1, 12, 16, 19, 23)
 KIND = SensorKind
 
 
-@pytest.fixture(params=[*SEEDS, "helix", "floating", "mimic, floating", *PROJECTIONS], ids=str)
+@pytest.fixture(params=[*SEEDS, "helix", "walker", "walking gripper", *PROJECTIONS], ids=str)
 def model(request, tmp_path) -> SoftModel:
-    which = request.param
-    if which in PROJECTIONS:
-        return measured(PROJECTIONS[which](tmp_path))
-    if isinstance(which, str) and "floating" in which:
-        text = WALKER if which == "floating" else GRIPPER
-        return measured(softdyn.load(write(tmp_path, text), floating=True))
-    return measured(softdyn.load(write_robot(which, tmp_path) if isinstance(which, int) else which))
+    return measured(named_model(request.param, tmp_path))
 
 
 def case(model: SoftModel, seed: int = 3):
@@ -285,10 +279,7 @@ def test_wrong_arguments():
 @pytest.mark.parametrize("which", [1, 12, 23, *PROJECTIONS], ids=str)
 def test_under_winches_tensions_and_accelerations_change_with_the_state(which, tmp_path):
     """At constant commands, against central differences; at the winches' inputs the same values."""
-    made = PROJECTIONS[which](tmp_path) if which in PROJECTIONS else softdyn.load(
-        write_robot(which, tmp_path)
-    )  # fmt: skip
-    model = wound(measured(made))
+    model = wound(measured(named_model(which, tmp_path)))
     q, v, u = case(model)
     sensors, winches, n = Sensors(model), Winches(model), model.nv
     state = model.state(q, v)

@@ -143,7 +143,7 @@ def test_a_rollout_is_a_log(cart, tmp_path):
     assert_same(replace(again, robot=log.robot), log)
 
 
-def test_the_command(cart, tmp_path):
+def test_the_command(cart):
     done = command("rollout", cart.robot.path, "--u", "2", "--seconds", "0.1", "--json", "-")
     assert done.code == 0, done.err
     told = json.loads(done.out)
@@ -291,7 +291,7 @@ def test_friction_is_that_of_cables_too(tmp_path):
     assert ends[1] == pytest.approx(0.3 - 10 * np.exp(-0.2 * np.pi / 2) / 200, abs=2e-4)
 
 
-def test_options_without_use_say_so(cart, tmp_path):
+def test_options_without_use_say_so(cart):
     file = str(cart.robot.path)
     for option in ("--friction", "--rig"):
         with pytest.warns(UserWarning, match=f"{option} changes nothing"):
