@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 
 import softdyn
 from softdyn import Robot, SoftModel
 from softdyn.description.robot import Tendon
 from softdyn.dynamics.wraps import Contact, RoundBodies, RoundBody, courses
-from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 from tests.support import micro
 
 SEEDS = st.integers(0, 1 << 30)
