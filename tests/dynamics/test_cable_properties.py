@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from tests.proof.crosschecks.wrapped_robots import wrapped_robot
 
 import softdyn
 from softdyn import Robot, SoftModel
 from softdyn.description.robot import Tendon
 from softdyn.dynamics.wraps import Contact, RoundBodies, RoundBody, courses
-from tests.support import micro
+from tests.support.robots import WALKER, write
+from tests.support.wrapped_robots import wrapped_robot
 
 SEEDS = st.integers(0, 1 << 30)
 EXAMPLES = settings(max_examples=60, deadline=None, derandomize=True)
@@ -107,7 +107,7 @@ def test_a_cable_has_no_first_end_and_is_no_shorter_than_the_way_between_its_end
 
 @pytest.fixture(scope="module")
 def walker(tmp_path_factory) -> SoftModel:
-    path = micro.write(tmp_path_factory.mktemp("walker"), micro.FLOATING)
+    path = write(tmp_path_factory.mktemp("walker"), WALKER)
     return softdyn.load(path, floating=True)
 
 
