@@ -1,4 +1,7 @@
-"""A line on the terminal that says what a command does, until the command writes something."""
+"""A line on the terminal that says what a command does, until the command writes something.
+
+Afterwards a bar that has not moved for a while is drawn again, so that its clock goes on.
+"""
 
 from __future__ import annotations
 
@@ -19,37 +22,45 @@ class _Working:
 
     def __init__(self, command: str) -> None:
         self.command, self.what = command, "starts"
-        self._began, self._shown = time.monotonic(), False
+        self._began, self._shown, self._heard = time.monotonic(), False, False
         self._over, self._lock = threading.Event(), threading.RLock()
         self._streams = {id(one): one for one in (sys.stdout, sys.stderr) if one is not None}
         self._writes: dict[int, Any] = {key: one.write for key, one in self._streams.items()}
         for key, stream in self._streams.items():
-            stream.write = self._heard(self._writes[key])  # type: ignore[method-assign]
+            stream.write = self._first(self._writes[key])  # type: ignore[method-assign]
         self._thread = threading.Thread(target=self._tell, daemon=True)
         self._thread.start()
 
     def end(self) -> None:
+        """End the line and the watch over bars."""
+        self._over.set()
+        self._hush()
+
+    def _hush(self) -> None:
         """Erase the line, and give the streams back."""
         with self._lock:
-            if self._over.is_set():
+            if self._heard:
                 return
-            self._over.set()
+            self._heard = True
             for stream in self._streams.values():
                 del stream.write
             if self._shown:
                 self._put(ERASE)
 
-    def _heard(self, write: Any) -> Any:
+    def _first(self, write: Any) -> Any:
         def first(text: str) -> Any:
-            self.end()
+            self._hush()
             return write(text)
 
         return first
 
     def _tell(self) -> None:
-        while not self._over.wait(EVERY if self._shown else QUIET):
+        while not self._over.wait(EVERY if self._shown or self._heard else QUIET):
+            if self._heard:
+                _refresh_bars()
+                continue
             with self._lock:
-                if not self._over.is_set():
+                if not self._heard:
                     seconds = time.monotonic() - self._began
                     self._put(f"{ERASE}{self.command}: {self.what}, {seconds:.0f} s")
                     self._shown = True
@@ -57,6 +68,14 @@ class _Working:
     def _put(self, text: str) -> None:
         self._writes[id(sys.stderr)](text)
         sys.stderr.flush()
+
+
+def _refresh_bars() -> None:
+    """Draw the bars again that have not moved for `QUIET` seconds."""
+    bars = sys.modules.get("tqdm.auto")
+    for bar in list(getattr(bars.tqdm, "_instances", ())) if bars is not None else ():
+        if not bar.disable and time.time() - bar.last_print_t > QUIET:
+            bar.refresh()
 
 
 _now: _Working | None = None

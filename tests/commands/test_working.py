@@ -3,10 +3,12 @@
 import os
 import pty
 import sys
+import termios
 import time
 from contextlib import contextmanager
 
 import pytest
+from tqdm.auto import tqdm
 
 from softdyn.commands import working
 from tests.support import PATIENCE
@@ -22,12 +24,13 @@ def soon(monkeypatch):
 def terminal():
     """Both streams go to a terminal; it gives a function that reads what the terminal got."""
     master, slave = pty.openpty()
+    termios.tcsetwinsize(slave, (24, 80))  # without a size, no bar is drawn
     os.set_blocking(master, False)
     before, seen = (sys.stdout, sys.stderr), []
 
-    def read(until):
+    def read(until, times=1):
         end = time.monotonic() + PATIENCE
-        while until not in "".join(seen):
+        while "".join(seen).count(until) < times:
             assert time.monotonic() < end
             try:
                 seen.append(os.read(master, 10_000).decode())
@@ -73,6 +76,15 @@ def test_the_line_goes_at_the_end_and_with_an_error():
             fail()
         print("error: bad")
         assert read("error: bad").rpartition(working.ERASE)[2].split() == ["error:", "bad"]
+
+
+def test_a_bar_that_does_not_move_keeps_its_clock_going():
+    with (
+        terminal() as read,
+        working.working("softdyn toy"),
+        tqdm(total=2, desc="runs", disable=None, leave=False),
+    ):
+        read("runs:", times=3)
 
 
 def test_without_a_terminal_there_is_no_line(capsys):
