@@ -30,6 +30,7 @@ HELPERS = (
     "__main__",
     "cli",
     "study_options",
+    "working",
 )  # modules of scripts/ that are no commands
 MOST_COMMANDS = 20
 # It finds a command by its name, so it alone may import by a string.

@@ -69,6 +69,7 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.gains:
         from softdyn.controllers.proposed_gains import propose
 
+        cli.doing("proposes gains")
         proposed = propose(model, arguments.period)
         cli.write_report(proposed.to_dict(), arguments.json, proposed.toml())
         return cli.PASSED

@@ -20,6 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
+from softdyn.commands.working import doing, working
 from softdyn.files import read_toml as read_toml  # for the commands
 
 if TYPE_CHECKING:
@@ -325,6 +326,7 @@ def load_robot(arguments: Arguments) -> SoftModel:
     """Load the ROBOT of the command line; warn of options that it has no use for."""
     import softdyn
 
+    doing(f"reads {arguments.robot}")
     model = softdyn.load(
         arguments.robot,
         annotations=arguments.annotations,
@@ -334,6 +336,7 @@ def load_robot(arguments: Arguments) -> SoftModel:
         root=root_folder(arguments),
     )
     warn_of_no_use(model.robot, arguments)
+    doing("computes")
     return model
 
 
@@ -440,11 +443,26 @@ def run(command: Command, arguments: Arguments, parser: Parser) -> int:
 
     For an error in a user's own code, the text on stderr is the traceback from the user's file on.
     """
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
+    try:
+        with working(parser.prog):
+            return _errors_told(command, arguments, parser)
+    except BrokenPipeError:  # the reader closed the pipe
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return PASSED
+    except KeyboardInterrupt:
+        with suppress(ValueError):  # not in the main thread
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one would say more
+        print("error: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _errors_told(command: Command, arguments: Arguments, parser: Parser) -> int:
+    """Call `command`, and turn softdyn's own exceptions into an exit code and one line."""
     from softdyn import InputError, SoftdynError, UrdfError
     from softdyn.exceptions import OwnCodeError, own_code_errors
     from softdyn.installed import check_engines
 
-    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     try:
         with own_code_errors(program=command.__module__.partition(".")[0]):
             check_engines()
@@ -457,14 +475,6 @@ def run(command: Command, arguments: Arguments, parser: Parser) -> int:
     except SoftdynError as error:
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT if isinstance(error, InputError | UrdfError) else FAILED
-    except BrokenPipeError:  # the reader closed the pipe
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return PASSED
-    except KeyboardInterrupt:
-        with suppress(ValueError):  # not in the main thread
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one would say more
-        print("error: interrupted", file=sys.stderr)
-        return INTERRUPTED
 
 
 @contextmanager
@@ -660,6 +670,7 @@ def read_log(path: str, model: SoftModel | None = None) -> Log:
     """Read a log, from CSV if `path` ends in .csv, else from NPZ; `model` as in `Log.from_csv`."""
     from softdyn.validation import Log
 
+    doing(f"reads {path}")
     return Log.from_csv(path, model) if path.endswith(".csv") else Log.load(path)
 
 

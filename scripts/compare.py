@@ -65,6 +65,7 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation.mjcf.comparison.side import Side
     from softdyn.validation.mjcf.mjcf_file import Contents
 
+    cli.doing("reads both files")
     mapping = None if arguments.map is None else read_map(arguments.map)
     contents = Contents(arguments.opened, cli.root_folder(arguments))
     repair = arguments.repair_inertia
@@ -72,6 +73,7 @@ def command(arguments: cli.Arguments) -> int:
         Side.of(arguments.a, contents, repair_inertia=repair),
         Side.of(arguments.b, contents, repair_inertia=repair),
     )
+    cli.doing("compares both files")
     result = compare(
         *sides,
         mapping=mapping,
@@ -82,6 +84,7 @@ def command(arguments: cli.Arguments) -> int:
     )
     report, said, passed = result.to_dict(), str(result), result.passed
     if arguments.engines:
+        cli.doing("compares both engines")
         figures, text = engines(*sides, arguments, result.tolerance)
         report["engines"] = figures
         passed = passed and figures["passed"]

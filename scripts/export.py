@@ -63,6 +63,7 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation import Log
     from softdyn.validation.mjcf import export
 
+    cli.doing(f"reads and writes {arguments.robot}")
     if arguments.csv is not None:
         Log.load(arguments.robot).to_csv(arguments.csv)
         return cli.PASSED

@@ -75,7 +75,9 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.log is not None:
         found, q = along_run(model, sensors, disturbances, arguments.log)
     else:
+        cli.doing("looks for the rest")
         rest, times = rest_of(model, arguments), (arguments.period, arguments.seconds)
+        cli.doing(f"observes {arguments.seconds:g} s")
         found = observe(rest, sensors, disturbances, period=times[0], seconds=times[1])
         q = rest.q
     if arguments.plot is not None:

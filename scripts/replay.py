@@ -50,6 +50,7 @@ def command(arguments: cli.Arguments) -> int:
         )
     own = None if arguments.robot is None else cli.load_robot(arguments)
     logs = [cli.read_log(path, own) for path in arguments.logs]
+    cli.doing("draws")
     if arguments.plot is not None:
         save_comparison(arguments.plot, logs, arguments.labels)
         print(arguments.plot)

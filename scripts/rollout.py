@@ -92,6 +92,7 @@ def command(arguments: cli.Arguments) -> int:
     if logs_to:
         cli.make_folder(Path(arguments.out))
         cli.check_outputs(parser, arguments, *logs_to)
+    cli.doing(f"moves for {seconds:g} s")
     began = time.perf_counter()
     with cli.saved_in_errors(arguments.log):
         logs = rollouts(model, batch, seconds, hold=hold, commands=commands, **settings)

@@ -58,7 +58,9 @@ def command(arguments: cli.Arguments) -> int:
             with one_line_errors(name, "a command"):
                 if hasattr(controller, "prepare"):  # else its first step would wait for a search
                     controller.prepare(experiment.reference)
-                log = simulate(model, controller, experiment, duration=seconds, name=name)
+                log = simulate(
+                    model, controller, experiment, duration=seconds, name=name, progress=True
+                )
     finally:
         gc.enable()
     times, period = log.step_us[np.isfinite(log.step_us)], 1e6 * log.period

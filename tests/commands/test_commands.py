@@ -18,7 +18,7 @@ from softdyn.commands.__main__ import NAMES, main
 from tests.support import ROOT, SCRIPTS, robots
 from tests.support.command import command
 
-HELPERS = {"__init__", "__main__", "cli", "study_options"}
+HELPERS = {"__init__", "__main__", "cli", "study_options", "working"}
 
 
 def test_every_script_is_a_command_and_listed(capsys):

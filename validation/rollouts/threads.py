@@ -12,12 +12,14 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
+from tqdm.auto import tqdm
 
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.twin.twin import Twin
 
 STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 MOST = 256_000_000  # bytes of the states and controls of the runs that are integrated at once
+SHOWN = 16  # runs for each core between two looks of the bar
 
 
 def fits(twin: Twin, grid: TimeGrid) -> bool:
@@ -82,10 +84,15 @@ def integrate(
         starts = Starts.of(twin, lambda _: None, len(u))
     sizes = [grid.plant_steps(k) for k in range(grid.steps)]
     samples = np.cumsum(sizes) - 1
-    at_once = max(1, MOST // _bytes(twin, grid))
+    at_once = max(1, min(MOST // _bytes(twin, grid), SHOWN * (os.cpu_count() or 1)))
     threads = min(os.cpu_count() or 1, len(u), at_once)
     datas = [mujoco.MjData(model) for _ in range(threads)]
-    with Rollout(nthread=0 if threads == 1 else threads) as rollout:
+    with (
+        Rollout(nthread=0 if threads == 1 else threads) as rollout,
+        tqdm(
+            total=len(u), disable=None if len(u) > at_once else True, leave=False, unit="run"
+        ) as bar,
+    ):
         for k in range(0, len(u), at_once):
             chunk = np.repeat(u[k : k + at_once], sizes, axis=1)
             control = np.zeros((*chunk.shape[:2], model.nu))
@@ -94,6 +101,7 @@ def integrate(
                 model, datas if threads > 1 else datas[0], starts.states[k : k + at_once], control,
                 initial_warmstart=starts.warmstarts[k : k + at_once],
             )  # fmt: skip
+            bar.update(len(chunk))
             for start, run in zip(starts.states[k : k + at_once], states[:, samples], strict=True):
                 # after a warning MuJoCo repeats the last state
                 if not (np.isfinite(run).all() and np.diff(run[:, 0]).min(initial=1.0) > 0):
