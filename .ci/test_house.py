@@ -115,3 +115,10 @@ def test_the_recipes_name_contracts_that_are_where_they_say():
     assert len(placed) > 8
     lost = [place for name, place in placed if f"class {name}" not in (ROOT / place).read_text()]
     assert lost == []
+
+
+def test_examples_of_tests_are_parts_of_tests():
+    text = (ROOT / "docs/CONTRIBUTING.md").read_text("utf-8")
+    shown = re.findall(r"`(tests/\S+\.py)`:\n\n<!--[^\n]*-->\n```python\n(.*?)```", text, re.S)
+    assert len(shown) == 3
+    assert [name for name, code in shown if code not in (ROOT / name).read_text("utf-8")] == []

@@ -49,7 +49,7 @@ from softdyn.controllers.qps.lexicographic_qp import (
     Rows,
 )
 from softdyn.controllers.qps.qp import QpProblem, QpSolution
-from softdyn.controllers.qps.stopped_step import StoppedStep
+from softdyn.controllers.qps.stopped_step import StoppedStep, stops_around
 from softdyn.copies import KeepsMaking
 from softdyn.description.robot import sliding
 from softdyn.dynamics.stops import Stops
@@ -160,7 +160,9 @@ class BarrierRows:
         self._horizon = Horizon(model, tau)
         self._values = BarrierSet(model, self._barriers)
         Stops.of(model).prepare()  # those of a step are solved alike
-        self._qp, self._unit = LexicographicQp(model.u_min, model.u_max), _joint_units(model)
+        self._qp = LexicographicQp(model.u_min, model.u_max)
+        eye, self._unit = np.eye(model.nv), np.tile(_joint_units(model), 2)
+        self._both, self._none = np.vstack((eye, -eye)), np.zeros(2 * model.nv, bool)
         self.reset()
 
     def reset(self, period: float = 0.0) -> None:
@@ -175,7 +177,10 @@ class BarrierRows:
     def at(self, state: State) -> Rows:
         """Every barrier's rows where no joint is at a stop."""
         values, steps = self._at(state), self._steps(state)
-        return Rows.joined([self._conditions(values, one, state).rows(one.free) for one in steps])
+        every = np.arange(len(values.b))
+        return Rows.joined([
+            self._conditions(values, one, state).rows(one.free, every) for one in steps
+        ])  # fmt: skip
 
     def _at(self, state: State) -> BarrierValues:
         """The values of all barriers; a state without guarantee is counted."""
@@ -198,8 +203,8 @@ class BarrierRows:
         """The steps τ that have rows; in a run the last is the control period."""
         over = [self._horizon] if self._horizon.tau or self._hold is None else []
         over += [] if self._hold is None else [self._hold]
-        stops = self._hold is not None
-        return [StoppedStep(state, one.tau, *one(state), stops=stops) for one in over]
+        stops = None if self._hold is None else stops_around(state)
+        return [StoppedStep(state, one.tau, *one(state), stops) for one in over]
 
     def _count(self, values: BarrierValues, of: np.ndarray) -> None:
         """Count a state without guarantee; warn if a run starts at one."""
@@ -247,17 +252,15 @@ class BarrierRows:
         u, running = solution.x[: state.B.shape[1]], self._hold is not None
         steps = self._steps(state)
         every = [self._conditions(values, one, state) for one in steps]
-        if all((one.excess(u) <= ENOUGH).all() for one in every):
+        if all(
+            (one.excess(u, *one.step.motion(u, one.step.free)) <= ENOUGH).all() for one in every
+        ):
             return solution
-        best = self._qp(problem, solution, every, [one.still for one in steps], slack=not running)
+        best = self._qp(problem, solution, every, slack=not running)
         if running and best.excess > MET:
+            needed = self._conditions(values, steps[-1], state, braking=True)
+            best = self._qp(problem, solution, [needed])
             self.braked += 1
-            over = steps[-1]
-            needed = [self._conditions(values, over, state, braking=True)]
-            best = self._qp(problem, solution, needed, [over.still])
-            if best.excess > MET:
-                again = self._qp(problem, solution, needed, [over.motion(u, over.free)[1]])
-                best = min(best, again, key=lambda one: one.excess)
         if best.excess > MET:
             self.relaxed, self.relaxation = self.relaxed + 1, max(self.relaxation, best.excess)
             self._warn_of_loads(values)
@@ -276,14 +279,10 @@ class BarrierRows:
         tau, A, free = step.tau, values.gradient, values.limits
         c, unit = values.braking(tau) if braking else values.allowed(tau)
         if self._period and tau == self._period:
-            eye, v, leap = np.eye(len(state.v)), state.v, self._unit / tau**2
-            most = np.maximum(LEAP * leap, np.abs(v) / tau)
-            A = np.concatenate((A, eye, -eye))
-            c = np.concatenate((c, most + v / tau, most - v / tau))
-            unit, free = (
-                np.concatenate((unit, leap, leap)),
-                np.append(free, np.zeros(2 * len(v), bool)),
-            )
+            leap, v = self._unit / tau**2, self._both @ (state.v / tau)
+            A = np.concatenate((A, self._both))
+            c = np.concatenate((c, np.maximum(LEAP * leap, np.abs(v)) + v))
+            unit, free = np.concatenate((unit, leap)), np.concatenate((free, self._none))
         return Conditions(step, A, c, unit, free)
 
 

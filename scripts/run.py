@@ -65,8 +65,9 @@ rig, but no contacts and no dry friction. --plant FILE is an MJCF that replaces 
 
 --observer gives the controller an estimate from the rig's sensors (softdyn.estimation.Ekf) instead
 of the state. Its process noise adapts to the readings; a line tells when they show forces that the
-model lacks. Disturbances may be named, e.g. "--observer tip_force,stiffness". A class of your own
-is FILE.py:CLASS; it is built as CLASS(model) and needs step(t, measurements, u).
+model lacks, or are off to one side. Disturbances may be named, e.g. "--observer
+tip_force,stiffness". A class of your own is FILE.py:CLASS; it is built as CLASS(model) and needs
+step(t, measurements, u).
 
 --obstacles FILE is TOML with tables [[half_space]], [[sphere]], [[box]] and [[pairs]], whose keys
 are the fields of softdyn.safety.HalfSpace, KeepOutSphere, KeepOutBox and LinkPairs. They are solid
@@ -404,6 +405,7 @@ def goal_of(model: SoftModel, arguments: cli.Arguments) -> tuple[Experiment, dic
 def unmodelled(observer: Any) -> tuple[str, float | None]:
     """The process noise at which an `Ekf` arrived: a line, and its value; none of a user's own."""
     from softdyn.estimation import Ekf
+    from softdyn.estimation.recorded import BIASED
 
     if not isinstance(observer, Ekf):
         return "", None
@@ -412,11 +414,19 @@ def unmodelled(observer: Any) -> tuple[str, float | None]:
         f"observer       process noise {found:.2g}, adapted to the readings "
         f"(at most {given.process:g})"
     )
-    if found > LACKING and not observer.disturbances:
+    biases = abs(observer.biases)
+    if biases.max() > BIASED:
+        name = observer.reading_names[biases.argmax()]
         line += (
-            ": they may show forces that the model lacks. To estimate them: "
-            "--observer tip_force, payload, stiffness or joint_offsets"
+            f". {name} is off to one side, by {biases.max():.0f} standard deviations of a mean: "
+            "a bias of this sensor, or a force that stays and that the model lacks"
         )
+    elif found > LACKING and not observer.disturbances:
+        line += ": they may show forces that the model lacks"
+    else:
+        return line, found
+    if not observer.disturbances:
+        line += ". To estimate forces: --observer tip_force, payload, stiffness or joint_offsets"
     return line, found
 
 

@@ -48,10 +48,6 @@ class Rows(NamedTuple):
         """The rows of all parts."""
         return cls(*(np.concatenate(same) for same in zip(*parts, strict=True)))
 
-    def where(self, chosen: np.ndarray) -> Rows:
-        """Some of the rows."""
-        return Rows(*(part[chosen] for part in self))
-
     def excess(self, u: np.ndarray) -> np.ndarray:
         """Excess (p,) of each row at u, in units; negative where u meets it."""
         excess: np.ndarray = (self.matrix @ u - self.upper) / self.unit
@@ -81,21 +77,22 @@ class Conditions(NamedTuple):
     unit: np.ndarray
     free: np.ndarray
 
-    def excess(self, u: np.ndarray) -> np.ndarray:
-        """Excess (p,) of each condition at u in the mode that it leads to, in units."""
-        qdd, mode = self.step.motion(u, self.step.free)
+    def excess(self, u: np.ndarray, qdd: np.ndarray, mode: np.ndarray) -> np.ndarray:
+        """Excess (p,) of each condition in units, at u and the q̈ (n,) that it has in a mode."""
         second = self.A @ qdd
         if mode.any() and self.free.any():
             second[self.free] = self.A[self.free] @ self.step.unstopped(u)
         excess: np.ndarray = -(second + self.c) / self.unit
         return excess
 
-    def rows(self, mode: np.ndarray) -> Rows:
-        """The conditions (p rows) in a mode."""
-        response = self.A @ self.step.response(mode)
-        if mode.any() and self.free.any():
-            response[self.free] = self.A[self.free] @ self.step.response(self.step.free)
-        return Rows(-response[:, :-1], self.c + response[:, -1], self.unit)
+    def rows(self, mode: np.ndarray, which: np.ndarray) -> Rows:
+        """Some of the conditions as rows on u in a mode."""
+        A = self.A[which]
+        response = A @ self.step.response(mode)
+        free = self.free[which]
+        if mode.any() and free.any():
+            response[free] = A[free] @ self.step.response(self.step.free)
+        return Rows(-response[:, :-1], self.c[which] + response[:, -1], self.unit[which])
 
 
 class Answer(NamedTuple):
@@ -107,12 +104,15 @@ class Answer(NamedTuple):
         The answer.
     excess : float
         Its largest excess in its own mode, in units.
+    square : float
+        The sum of squares of its excesses.
     least : bool
         Whether the objective had no part in it; unknowns other than u then have no value.
     """
 
     solution: QpSolution
     excess: float = np.inf
+    square: float = np.inf
     least: bool = False
 
 
@@ -143,11 +143,12 @@ class LexicographicQp:
         problem: QpProblem,
         solution: QpSolution,
         conditions: Sequence[Conditions],
-        modes: Sequence[np.ndarray],
         *,
         slack: bool = True,
     ) -> Answer:
-        """The answer of least excess in the outer loop.
+        """The answer in its own mode, or that of least squares of excess if none is found.
+
+        The first mode is that of unchanged velocities, and then that of `solution`.
 
         Parameters
         ----------
@@ -157,50 +158,64 @@ class LexicographicQp:
             Its answer without conditions.
         conditions : sequence of Conditions
             Those of each step.
-        modes : sequence of ndarray of int, (n,)
-            The first mode of each step.
         slack : bool
-            Whether conditions may have slack; else the loop ends where they need it.
+            Whether conditions may have slack; else a loop ends where they need it.
         """
+        steps = [one.step for one in conditions]
+        still = [step.still for step in steps]
+        best = self._loop(problem, solution, conditions, still, slack)
+        if best.excess > MET:
+            u = solution.x[: len(self._range)]
+            own = [step.motion(u, step.free)[1] for step in steps]
+            if not np.array_equal(own, still):
+                again = self._loop(problem, solution, conditions, own, slack)
+                best = min(best, again, key=lambda one: one.square)
+        return best
+
+    def _loop(
+        self,
+        problem: QpProblem,
+        solution: QpSolution,
+        conditions: Sequence[Conditions],
+        modes: Sequence[np.ndarray],
+        slack: bool,
+    ) -> Answer:
+        """The best answer of the outer loop from some modes, one for each step."""
         u = wanted = solution.x[: len(self._range)]
         best, parts, answer = Answer(solution), list[Rows](), Ordered(solution)
-        known: dict[tuple[int, bytes], tuple[Rows, np.ndarray]] = {}  # rows, which the QP has
-
-        def seen(modes: Sequence[np.ndarray]) -> list[tuple[Rows, np.ndarray, np.ndarray]]:
-            """The rows of each step in a mode, those that the QP has, and the excess of all."""
-            found = []
-            for k, mode in enumerate(modes):
-                key = k, mode.tobytes()
-                if key not in known:
-                    rows = conditions[k].rows(mode)
-                    known[key] = rows, np.zeros(len(rows.upper), bool)
-                found.append((*known[key], known[key][0].excess(u)))
-            return found
-
-        here = seen(modes)
-        for k in range(ROUNDS):
+        known: dict[tuple[int, bytes], np.ndarray] = {}  # whether the QP has a condition in a mode
+        # first q̈ in the given modes, then in those that u leads to
+        motions = [
+            (one.step.response(mode) @ np.append(u, 1.0), mode)
+            for one, mode in zip(conditions, modes, strict=True)
+        ]
+        for k in range(ROUNDS + 1):
+            excess = [one.excess(u, *m) for one, m in zip(conditions, motions, strict=True)]
+            if k:
+                over = np.maximum(np.concatenate(excess), 0.0)
+                square = float(over @ over)
+                if square < best.square:
+                    best = Answer(answer.solution, float(over.max()), square, answer.least)
             before = len(parts)
-            for rows, has, excess in here:
-                worst = np.argsort(np.where(has, np.inf, -excess))[:MOST]
-                new = worst[(excess[worst] > ENOUGH) & ~has[worst]]
+            for i, (one, (_, mode), own) in enumerate(
+                zip(conditions, motions, excess, strict=True)
+            ):
+                has = known.setdefault((i, mode.tobytes()), np.zeros(len(own), bool))
+                worst = np.argsort(np.where(has, np.inf, -own))[:MOST]
+                new = worst[(own[worst] > ENOUGH) & ~has[worst]]
                 if new.size:
                     has[new] = True
-                    parts.append(rows.where(new))
-            if len(parts) > before:
+                    parts.append(one.rows(mode, new))
+            if len(parts) > before and k < ROUNDS:
                 found = self.ordered(problem, wanted, Rows.joined(parts), slack, answer.slack)
                 if found is None:
                     break
-                answer = found
-                u = answer.solution.x[: len(wanted)]
+                answer, u = found, found.solution.x[: len(wanted)]
             elif k:
                 break
-            modes = [
-                one.step.motion(u, mode)[1] for one, mode in zip(conditions, modes, strict=True)
+            motions = [
+                one.step.motion(u, mode) for one, (_, mode) in zip(conditions, motions, strict=True)
             ]
-            here = seen(modes)
-            most = max(float(excess.max(initial=0.0)) for *_, excess in here)
-            if most < best.excess:
-                best = Answer(answer.solution, most, answer.least)
         return best
 
     def ordered(

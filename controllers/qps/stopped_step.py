@@ -20,6 +20,14 @@ from softdyn.copies import freeze
 from softdyn.dynamics.stops import Stops
 
 
+def stops_around(state: State) -> Stops:
+    """The stops of a robot's joints; a joint that is beyond a stop may stay there."""
+    model, q = state.model, state.model.coordinates(state.q)
+    stops = Stops(np.minimum(model.lower, q), np.maximum(model.upper, q))
+    freeze((stops.lower, stops.upper))  # like those of a model
+    return stops
+
+
 class StoppedStep:
     """A step τ from a State.
 
@@ -31,8 +39,8 @@ class StoppedStep:
         The step (s), > 0 if joints have stops.
     M, h : ndarray, (n, n), (n,)
         The dynamics over the step, see `softdyn.controllers.qps.horizon`.
-    stops : bool
-        Whether joints have stops; else there is no mode but `free`.
+    stops : Stops, optional
+        The joints' stops, see `stops_around`; without them there is no mode but `free`.
 
     Attributes
     ----------
@@ -41,20 +49,17 @@ class StoppedStep:
     """
 
     def __init__(
-        self, state: State, tau: float, M: np.ndarray, h: np.ndarray, *, stops: bool = True
+        self, state: State, tau: float, M: np.ndarray, h: np.ndarray, stops: Stops | None = None
     ) -> None:
         self.tau, self.free = tau, np.zeros(len(h), int)
-        self._state, self._M, self._h, self._stopped = state, M, h, stops
-        model = state.model
-        self._q = model.coordinates(state.q)
-        # a joint that is beyond a stop may stay there
-        self._stops = Stops(np.minimum(model.lower, self._q), np.maximum(model.upper, self._q))
-        freeze((self._stops.lower, self._stops.upper))  # like those of a model
+        self._state, self._M, self._h, self._stops = state, M, h, stops
+        self._q = state.model.coordinates(state.q)
+        self._responses: dict[bytes, np.ndarray] = {}
 
     @cached_property
     def still(self) -> np.ndarray:
         """The mode (n,) of stops that hold the joints that pass them at their present velocity."""
-        if not self._stopped:
+        if self._stops is None:
             return self.free
         low, high = self._ends
         return np.where(low >= 0, -1, np.where(high <= 0, 1, 0))
@@ -62,14 +67,19 @@ class StoppedStep:
     @cached_property
     def _ends(self) -> tuple[np.ndarray, np.ndarray]:
         """q̈ (n,) of joints that end the step at their lower, and at their upper stops."""
-        low, high = (
-            ((end - self._q) / self.tau - self._state.v) / self.tau
-            for end in (self._stops.lower, self._stops.upper)
-        )
+        assert self._stops is not None
+        ends = np.array([self._stops.lower, self._stops.upper])
+        low, high = ((ends - self._q) / self.tau - self._state.v) / self.tau
         return low, high
 
     def response(self, mode: np.ndarray) -> np.ndarray:
         """(X, x), (n, nu + 1), of q̈ = X u + x in a mode."""
+        key = mode.tobytes()
+        if key not in self._responses:
+            self._responses[key] = self._response(mode)
+        return self._responses[key]
+
+    def _response(self, mode: np.ndarray) -> np.ndarray:
         right = np.column_stack((self._state.B, -self._h))
         if not mode.any():
             return np.linalg.solve(self._M, right)
@@ -91,7 +101,7 @@ class StoppedStep:
 
         The mode is -1 for joints that their lower stops hold, 1 for upper stops, else 0.
         """
-        if not self._stopped:
+        if self._stops is None:
             return self.unstopped(u), self.free
         v, A = self._state.v, self._M / self.tau
         r = self._h - self._state.B @ u - A @ v

@@ -28,8 +28,8 @@ def predict(P, by_state, by_force, noise, held, stops, step, moving, decay, adde
         Fields of `softdyn.dynamics.implicit_step.ImplicitStepResult`.
     noise : ndarray, (n,)
         Variances of the joint forces, each for a second.
-    stops : float
-        Variance of the position of a joint that a stop holds.
+    stops : ndarray, (n,)
+        Variances of the positions of joints that stops hold.
     step : float
         T (s).
     moving : ndarray of int, (nr,)
@@ -65,7 +65,7 @@ def predict(P, by_state, by_force, noise, held, stops, step, moving, decay, adde
     if stopped.size:
         P[stopped] = 0.0
         P[:, stopped] = 0.0
-        P[stopped, stopped] = stops
+        P[stopped, stopped] = stops[stopped]
 
 
 def update(P, rows, errors, variances, change, gate):

@@ -28,6 +28,9 @@ from softdyn.exceptions import InputError
 
 FROM_FILE = "file"
 SURE = 1 - 1e-6  # the level at which first readings refute the start
+# s, over which errors of readings have a mean. 20 g on an arm are then 11 deviations; with 0.1 s
+# they are at most 5, and with 10 s what was long ago still counts
+MEAN = 1.0
 
 
 class Ekf(KeepsMaking, Separate):
@@ -151,6 +154,8 @@ class Ekf(KeepsMaking, Separate):
             Fused.none(self.components),
         )
         self._rubbed, self._rubbed_at = np.zeros(2 * (self._filtered.disturbed,)), -math.inf
+        # sums of the readings' errors in deviations, and of their variances
+        self._sums, self._weights = np.zeros(self.components), np.full(self.components, 1e-9)
 
     @property
     def counts(self) -> EkfCounts:
@@ -161,6 +166,17 @@ class Ekf(KeepsMaking, Separate):
     def process(self) -> float:
         """The process noise that the readings ask for; see `EkfParameters.process`."""
         return self.parameters.process * math.exp(0.5 * self._filter.adapted)
+
+    @property
+    def biases(self) -> np.ndarray:
+        """Means (k,) of the readings' errors over about a second, in deviations of such a mean.
+
+        The errors of a consistent filter are white, so these are standard normal numbers
+        (Bar-Shalom, Li and Kirubarajan 2001, section 5.4). A larger one is a bias of a sensor, or a
+        force that stays and that the model lacks.
+        """
+        found: np.ndarray = self._sums / np.sqrt(self._weights)
+        return found
 
     def covariance_of(self, name: str) -> np.ndarray:
         """Covariance of the components of a disturbance that is estimated."""
@@ -239,10 +255,21 @@ class Ekf(KeepsMaking, Separate):
                 self._begin(*self._start, self.model.relaxed, self.parameters.widening)
                 timeline.begin(t, self._filter.state, self._filter.inputs)
                 break
+        if t > begin:
+            self._average(t - begin)
         if sound and self._capstan is not None and t - self._rubbed_at >= WINDOW and t > begin:
             self._rubbed_at = t
             self._consider(self._capstan, 1 / (t - begin))
         return self._estimate()
+
+    def _average(self, step: float) -> None:
+        """Add the errors of a step (s) to the sums of `biases`."""
+        kept, errors = math.exp(-step / MEAN), self._fused.residuals[1]
+        given = errors == errors
+        self._sums *= kept
+        self._sums += np.where(given, errors, 0.0)
+        self._weights *= kept * kept
+        self._weights += given
 
     def _count(self, name: str, more: int = 1) -> None:
         self._counted[name] += more

@@ -28,6 +28,8 @@ from softdyn.estimation.timeline import LONGEST_AGE, SHORTEST, Reading
 HALVINGS = 4  # of a step without a solution
 WINDOW = 0.1  # s, of the readings that judge the process noise: some pictures of a camera
 GATE = 20.0  # deviations; readings further from their prediction count less and less
+SHAKEN = 0.02  # s, in which the variance of joints at stops falls to 1/e after one has met a stop
+LEAST_SPAN = 1e-9  # rad, m; a joint may have no range
 KEPT = 1.5  # latencies for which predictions of stamped readings wait
 
 
@@ -59,8 +61,10 @@ class FilteredModel:
         Variances of a known start, and of the joint forces, each for a second.
     quietest : float
         `EkfParameters.quietest`.
+    span : ndarray, (nv,)
+        The joints' ranges, of which `EkfParameters` has shares.
     stops : float
-        Variance of the position of a joint that a stop holds.
+        `EkfParameters.stops`.
     """
 
     def __init__(
@@ -83,7 +87,8 @@ class FilteredModel:
         self.first, self.force_noise, variances = parameters.variances(model, disturbances)
         self.drift = DisturbanceDrift(model, disturbances, variances, parameters.memory)
         self.disturbed, self.quietest = len(variances), parameters.quietest
-        self.stops = parameters.stops**2
+        self.span = np.maximum(parameters.span(model), LEAST_SPAN)
+        self.stops = parameters.stops
 
 
 @dataclass(eq=False)
@@ -140,6 +145,8 @@ class Filter:
         The late readings that wait.
     adapted : float
         The logarithm of the factor of the process noise's variance.
+    shaken : float
+        Variance of the positions of the joints that stops hold, as shares of their ranges.
     """
 
     def __init__(
@@ -160,7 +167,7 @@ class Filter:
         variances = scale * self._filtered.first, self._filtered.drift.variances
         self.P = np.diag(np.concatenate(variances))
         self.late = LateReadings(len(self.P))
-        self.adapted = self._information = 0.0
+        self.adapted = self._information = self.shaken = 0.0
         self._corrected, self._change = -math.inf, np.empty(0)
 
     def widened(self, scale: float) -> Filter:
@@ -194,10 +201,11 @@ class Filter:
             return halvings > 0 and all(
                 self.predict(commands, step / 2, halvings - 1) for _ in range(2)
             )
+        self._shake(found.held, step)
         noise = math.exp(self.adapted) * known.force_noise
         predict(
-            self.P, found.by_state, found.by_force, noise, found.held, known.stops, step,
-            known.drift.moving, *known.drift.over(step),
+            self.P, found.by_state, found.by_force, noise, found.held,
+            self.shaken * known.span**2, step, known.drift.moving, *known.drift.over(step),
         )  # fmt: skip
         self.q[:], self.v[:], self.held[:] = found.q, found.v, found.held
         if len(self.d):
@@ -206,6 +214,19 @@ class Filter:
             known.creep.follow(self.d, self.P, found.v)
         self.inputs[:] = found.inputs
         return True
+
+    def _shake(self, held: np.ndarray, step: float) -> None:
+        """A joint that meets its stop shakes all joints that stops hold, for a while.
+
+        It met the stop at some time of the step (s), and throws others off theirs. The deviation is
+        that of its way until then, as a share of its range: of T v / √12.
+        """
+        self.shaken *= math.exp(-step / SHAKEN)
+        met = (held != 0) & (held != self.held)
+        if met.any():
+            known = self._filtered
+            way = step * float(np.abs(self.v[met] / known.span[met]).max())
+            self.shaken = max(self.shaken, min(way**2 / 12, known.stops**2))
 
     def expect(self, channel: SensorChannel, commands: np.ndarray) -> Prediction:
         """The present answer of `SensorChannel.expect`.

@@ -53,9 +53,10 @@ class EkfParameters:
     longest : float
         No step of the prediction is longer (s); at least 1e-4.
     stops : float
-        Standard deviation of the position (rad, m) of a joint that a stop holds: stops give way,
-        and joints bounce. A joint that is known exactly there is lost if it bounces; with a large
-        deviation, readings move joints that rest at their stops.
+        Standard deviation of the positions of joints at their stops when one of them meets its
+        stop, as a share of each joint's range: stops give way, and joints bounce. It is at most
+        that of the joint's way in the step until it meets the stop, and it fades. Joints that rest
+        at their stops are known exactly.
     """
 
     spread: float = 0.01
@@ -81,6 +82,11 @@ class EkfParameters:
         """The factor from the variances of a known start to those of an unknown one."""
         return max(self.lost / self.spread, 1.0) ** 2
 
+    @staticmethod
+    def span(model: SoftModel) -> np.ndarray:
+        """The joints' ranges (nv,) of which the deviations are shares; 1 rad or 1 m at most."""
+        return np.minimum(model.upper - model.lower, 1.0)
+
     @property
     def quietest(self) -> float:
         """Logarithm of the factor from the variance of `process` to the least one, at most 0."""
@@ -93,7 +99,7 @@ class EkfParameters:
 
         That of a joint force is for a second; over a step of length T it is divided by T.
         """
-        span = np.minimum(model.upper - model.lower, 1.0)
+        span = self.span(model)
         rest = model.state(model.q0, np.zeros(model.nv))
         moved = np.diag(rest.M) / HORIZON**2 + np.diag(rest.D) / HORIZON
         stiff = np.where(model.stiffness > 0, model.stiffness, moved)

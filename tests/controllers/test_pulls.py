@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import softdyn
-from softdyn import SoftModel
 from softdyn.actuation import Capstan
 from softdyn.controllers import Compensated, Mpc, SoftIdClfQp, best
 from softdyn.controllers.predictive.objective import stiffness_at_rest
 from softdyn.controllers.predictive.pulls import HORIZON, ORDERED, REST, FrictionPulls
 from softdyn.controllers.staged import Staged
 from softdyn.validation import Rig, paper, simulate
+from tests.support.cable_chains import rubbing
 from tests.support.refused import refused
-
-
-def rubbing(name: str, mu: float = 0.1) -> SoftModel:
-    robot = softdyn.load(name).robot
-    return softdyn.build(
-        replace(robot, tendons=tuple(replace(tendon, friction=mu) for tendon in robot.tendons))
-    )
 
 
 @pytest.mark.parametrize("name", ["finger", "helix", "spirob"])

@@ -15,7 +15,7 @@ from softdyn.controllers.barriers import BarrierRows, JointLimits, UnsafeStart
 from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.lexicographic_qp import ROOM
 from softdyn.controllers.qps.qp import QpProblem, QpSolution
-from softdyn.controllers.qps.stopped_step import StoppedStep
+from softdyn.controllers.qps.stopped_step import StoppedStep, stops_around
 from softdyn.safety import HalfSpace
 
 TAU = 0.005
@@ -49,7 +49,7 @@ def test_the_motion_is_that_of_least_gauss_constraint(name: str) -> None:
     for _ in range(20):
         state, u = at_stops(name, rng)
         M, h = Horizon(state.model, TAU)(state)
-        step = StoppedStep(state, TAU, M, h)
+        step = StoppedStep(state, TAU, M, h, stops_around(state))
         qdd, mode = step.motion(u, step.free)
         held += np.count_nonzero(mode)
         np.testing.assert_array_equal(step.motion(u, step.still)[1], mode)

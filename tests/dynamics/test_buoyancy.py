@@ -117,7 +117,7 @@ def test_a_file_and_mjcf_state_it_and_one_alone_differs(tmp_path) -> None:
     assert robot.digest != robot.dry.digest == softdyn.load(dry).robot.digest
 
 
-def test_own_forces_and_water_act_once_in_the_twin(tmp_path) -> None:
+def test_own_forces_and_water_act_once_in_the_twin() -> None:
     class Push:
         name = "push"
 

@@ -18,6 +18,7 @@ from softdyn.dynamics.model import SoftModel
 from softdyn.statics.suspicious_values import suspicious_values
 from softdyn.validation import compare, crosscheck
 from tests.support.command import command
+from tests.support.oracles import slopes
 from tests.support.robots import GRIPPER
 
 STEP = 1e-6
@@ -73,21 +74,15 @@ def state_of(model: SoftModel, seed: int) -> tuple[np.ndarray, np.ndarray, np.nd
     return q, rng.normal(size=model.nv), rng.uniform(0, 0.5, model.nu)
 
 
-def differences(function, model: SoftModel) -> np.ndarray:
-    """Central differences by the tangent, column by column."""
-    moves = STEP * np.eye(model.nv)
-    return np.array([(function(dx) - function(-dx)) / (2 * STEP) for dx in moves]).T
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_each_jacobian_is_the_derivative_of_its_force(model: SoftModel, seed: int) -> None:
     (q, v, u), rest = state_of(model, seed), np.zeros(model.nv)
     at, state = acceleration_derivatives(model, q, v, u), model.state(q, v)
-    by_q = differences(lambda dq: model.forward_dynamics(model.integrate(q, dq), v, u), model)
-    by_v = differences(lambda dv: model.forward_dynamics(q, v + dv, u), model)
-    K = differences(lambda dq: model.state(model.integrate(q, dq), rest).K, model)
-    energy = differences(lambda dq: model.elastic_energy(model.integrate(q, dq)), model)
-    D = differences(lambda dv: model.state(q, v + dv).D @ (v + dv), model)
+    by_q = slopes(lambda dq: model.forward_dynamics(model.integrate(q, dq), v, u), model.nv, STEP)
+    by_v = slopes(lambda dv: model.forward_dynamics(q, v + dv, u), model.nv, STEP)
+    K = slopes(lambda dq: model.state(model.integrate(q, dq), rest).K, model.nv, STEP)
+    energy = slopes(lambda dq: model.elastic_energy(model.integrate(q, dq)), model.nv, STEP)
+    D = slopes(lambda dv: model.state(q, v + dv).D @ (v + dv), model.nv, STEP)
     for found, expected in (
         (at.q, by_q),
         (at.v, by_v),

@@ -19,9 +19,8 @@ from softdyn.dynamics.derivatives import (
 )
 from softdyn.identification import DesignFile, apply_values, choose_unknowns
 from tests.support.arms import PROJECTIONS, THREE_SECTIONS
-from tests.support.balance_cases import balanced
+from tests.support.named_models import named_model
 from tests.support.oracles import gradient, relative
-from tests.support.random_robots import write_robot
 
 BAR = 1e-7
 # of the random robots: continuous and prismatic joints, elastic, damped, branching tendons
@@ -30,10 +29,7 @@ SOURCES = ("finger", "helix", "spirob", *range(8), *PROJECTIONS)
 
 @pytest.fixture(params=SOURCES, ids=str)
 def model(request, tmp_path) -> SoftModel:
-    source = request.param
-    if source in PROJECTIONS:
-        return PROJECTIONS[source](tmp_path)
-    return softdyn.load(source if isinstance(source, str) else write_robot(source, tmp_path))
+    return named_model(request.param, tmp_path)
 
 
 def random_case(model: SoftModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -111,7 +107,7 @@ def test_contracted_tendon_hessians(model):
 @pytest.mark.parametrize("name", ["finger", "spirob", "winched"])
 def test_acceleration_by_parameters(name, tmp_path):
     """Against central differences of robots with other values."""
-    model = balanced(name, tmp_path)
+    model = named_model(name, tmp_path)
     q, v, u = random_case(model)
     kinds = ["stiffness", "damping", "mass", "rest", "gear", "free_length"]
     kinds += ["armature"] * bool(model.armature.any())
@@ -151,7 +147,7 @@ def test_acceleration_by_a_bending_stiffness_and_an_offset(tmp_path):
 @pytest.mark.parametrize("at_stop", [False, True])
 def test_a_step_by_parameters(name, at_stop, tmp_path):
     """Against central differences of robots with other values; a joint may end at its stop."""
-    model = balanced(name, tmp_path)
+    model = named_model(name, tmp_path)
     q, v, u = random_case(model)
     if at_stop:
         q = model.configuration(np.where(np.arange(model.nv) == 1, model.upper, q))

@@ -14,24 +14,16 @@ from softdyn.actuation import CommandKind, Winches
 from softdyn.actuation.drives import Drives
 from softdyn.dynamics import ForceBalance, StepError, discrete_step
 from tests.support.arms import PROJECTIONS
-from tests.support.balance_cases import balanced, case
+from tests.support.named_models import case, named_model
 from tests.support.robots import GRIPPER, WALKER, write
 from tests.support.step_differences import differences
-from tests.support.wrapped_robots import wrapped_robot
 
 MODELS = ("finger", "spirob", "slack", "winched", *PROJECTIONS, "walker", "wrapped")
 
 
-@pytest.fixture(params=MODELS)
-def model(request, tmp_path):
-    name = request.param
-    if name in PROJECTIONS:
-        return PROJECTIONS[name](tmp_path)
-    if name == "wrapped":
-        return softdyn.build(wrapped_robot(3, bodies=2))
-    if name == "walker":
-        return softdyn.load(write(tmp_path, WALKER), floating=True)
-    return balanced(name, tmp_path)
+@pytest.fixture(params=MODELS, ids=str)
+def model(request, tmp_path) -> SoftModel:
+    return named_model(request.param, tmp_path)
 
 
 def check(model, q, v, u, period, found, **settings):
@@ -58,7 +50,7 @@ def test_jacobians_are_those_of_differences(model, period):
 
 
 def test_commands_of_winches(tmp_path):
-    model = balanced("winched", tmp_path)
+    model = named_model("winched", tmp_path)
     q, v, _, commands, _ = case(model, ())
     found = discrete_step(model, q, v, commands, 0.005, winches=True)
     assert found.B.any()
@@ -67,7 +59,7 @@ def test_commands_of_winches(tmp_path):
 
 def with_motors(folder, **fields) -> SoftModel:
     """An arm with a winch and a force motor, with these fields of both."""
-    robot = balanced("winched", folder).robot
+    robot = named_model("winched", folder).robot
     changed = tuple(
         replace(one, **{name: values[k] for name, values in fields.items()})
         for k, one in enumerate(robot.actuators)

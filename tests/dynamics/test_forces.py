@@ -28,8 +28,8 @@ from softdyn.identification.trajectory import Start, follow
 from softdyn.sensing import Sensor, SensorKind
 from softdyn.statics.zero_dynamics import examine
 from tests.support.arms import PROJECTIONS
-from tests.support.oracles import gradient, relative
-from tests.support.robots import GRIPPER, WALKER, write
+from tests.support.named_models import named_model
+from tests.support.oracles import gradient, relative, slopes
 
 ROBOTS = ("finger", "helix", "spirob48", "walker", "walking gripper", *PROJECTIONS)
 
@@ -83,14 +83,9 @@ class Turning:
         return 0.01 * (skew - skew.T) @ q
 
 
-@pytest.fixture(params=ROBOTS)
+@pytest.fixture(params=ROBOTS, ids=str)
 def model(request, tmp_path) -> SoftModel:
-    if request.param in PROJECTIONS:
-        return PROJECTIONS[request.param](tmp_path)
-    texts = {"walker": WALKER, "walking gripper": GRIPPER}
-    if request.param in texts:
-        return softdyn.load(write(tmp_path, texts[request.param]), floating=True)
-    return softdyn.load(request.param)
+    return named_model(request.param, tmp_path)
 
 
 def random_state(model: SoftModel, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -128,10 +123,7 @@ def test_derivatives_contain_it(model, force):
     wet, (q, v, u) = model.with_forces(force), random_state(model, 1)
     found = acceleration_derivatives(wet, q, v, u)
     by_q = gradient(wet, lambda x: wet.forward_dynamics(x, v, u), q, 1e-4)
-    by_v = np.stack([
-        (wet.forward_dynamics(q, v + one, u) - wet.forward_dynamics(q, v - one, u)) / 2e-3
-        for one in 1e-3 * np.eye(wet.nv)
-    ], axis=1)  # fmt: skip
+    by_v = slopes(lambda x: wet.forward_dynamics(q, v + x, u), wet.nv, 1e-3)
     assert relative(found.q, by_q) < 1e-6
     assert relative(found.v, by_v) < 1e-6
     assert relative(found.q, acceleration_derivatives(model, q, v, u).q) > 1e-6
@@ -189,12 +181,10 @@ def test_a_step_and_its_jacobians_contain_it():
     np.testing.assert_allclose(state.M @ a + state.h, state.B @ u, atol=1e-7)
 
     def after(x):
-        one = discrete_step(wet, x[:4], x[4:], u, T)
+        one = discrete_step(wet, q + x[:4], v + x[4:], u, T)
         return np.concatenate((one.q, one.v))
 
-    x = np.concatenate((q, v))
-    columns = [(after(x + one) - after(x - one)) / 2e-5 for one in 1e-5 * np.eye(8)]
-    assert relative(step.A, np.stack(columns, axis=1)) < 1e-5
+    assert relative(step.A, slopes(after, 8, 1e-5)) < 1e-5
 
 
 def test_a_stiff_drag_does_not_blow_up_the_semi_implicit_step():

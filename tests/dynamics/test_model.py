@@ -11,31 +11,21 @@ import pytest
 import softdyn
 from softdyn import SoftModel, UrdfError
 from tests.support.arms import PROJECTIONS
+from tests.support.named_models import named_model
 from tests.support.oracles import gradient, rate, relative
-from tests.support.random_robots import write_robot
 from tests.support.refused import refused
-from tests.support.robots import GRIPPER, WALKER, build, hinge, joint, link, robot, write
+from tests.support.robots import GRIPPER, build, hinge, joint, link, robot, write
 
 BUNDLED = ("finger", "helix", "spirob", "spirob48")
-RANDOM = tuple(range(12))
 BAR = 1e-7
 
 
-MICRO = {
-    "floating": (WALKER, True),
-    "mimic, floating": (GRIPPER, True),
-}
+FLOATING = "walker", "walking gripper"
 
 
-@pytest.fixture(params=[*BUNDLED, *RANDOM, *MICRO, *PROJECTIONS], ids=str)
+@pytest.fixture(params=[*BUNDLED, *range(12), *FLOATING, *PROJECTIONS], ids=str)
 def model(request, tmp_path) -> SoftModel:
-    source = request.param
-    if source in PROJECTIONS:
-        return PROJECTIONS[source](tmp_path)
-    if source in MICRO:
-        text, floating = MICRO[source]
-        return softdyn.load(write(tmp_path, text), floating=floating)
-    return softdyn.load(source if isinstance(source, str) else write_robot(source, tmp_path))
+    return named_model(request.param, tmp_path)
 
 
 def random_state(model: SoftModel, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

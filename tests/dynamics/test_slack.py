@@ -19,8 +19,8 @@ from softdyn.dynamics.integrators import step_rk4
 from softdyn.identification.unknowns.kinds import KINDS, Around, MotionSample
 from softdyn.statics.equilibrium import potential, residual
 from tests.support.arms import PROJECTIONS
-from tests.support.oracles import gradient, relative
-from tests.support.random_robots import write_robot
+from tests.support.named_models import named_model
+from tests.support.oracles import gradient, relative, slopes
 from tests.support.rigs import slackened
 from tests.support.robots import build, cable, slide
 
@@ -29,15 +29,9 @@ SEEDS = (1, 12, 16, 19, 23)  # with fixed and spatial tendons, branches and cont
 MARGIN = 0.002  # N; differences do not cross the edge between taut and slack
 
 
-def source(which: int | str, folder) -> SoftModel:
-    if which in PROJECTIONS:
-        return PROJECTIONS[which](folder)
-    return softdyn.load(write_robot(which, folder) if isinstance(which, int) else which)
-
-
 @pytest.fixture(params=[*SEEDS, "spirob", *PROJECTIONS], ids=str)
 def model(request, tmp_path) -> SoftModel:
-    return slackened(source(request.param, tmp_path))
+    return slackened(named_model(request.param, tmp_path))
 
 
 def tension(model: SoftModel, q, v) -> tuple[np.ndarray, np.ndarray]:
@@ -64,7 +58,7 @@ def cases(model: SoftModel, speed: float = 0.3, count: int = 4):
 def test_the_generated_cases_are_taut_and_slack(tmp_path):
     taut = []
     for seed in SEEDS:
-        model = slackened(source(seed, tmp_path))
+        model = slackened(named_model(seed, tmp_path))
         taut += [sum(tension(model, q, v)) > 0 for q, v, _ in cases(model)]
     assert 0.3 < np.concatenate(taut).mean() < 0.7
 
@@ -98,10 +92,6 @@ def test_energy_and_stiffness(model):
         assert relative(Pi, r, np.abs(model.state(q, v).bias).max() + 1.0) <= BAR
 
 
-def by_velocity(f, v: np.ndarray, h: float = 1e-4) -> np.ndarray:
-    return np.stack([(f(v + h * e) - f(v - h * e)) / (2 * h) for e in np.eye(len(v))], axis=-1)
-
-
 def test_derivatives(model):
     for q, v, u in cases(model, count=2):
         found = acceleration_derivatives(model, q, v, u)
@@ -113,12 +103,13 @@ def test_derivatives(model):
             model, lambda x, v=v, u=u: model.state(x, v).h - model.state(x, v).B @ u, q, 2e-4
         )
         assert relative(h, K) <= BAR
-        assert relative(by_velocity(lambda y, q=q: model.state(q, y).h, v), D) <= BAR
+        h = slopes(lambda x, q=q, v=v: model.state(q, v + x).h, model.nv, 1e-4)
+        assert relative(h, D) <= BAR
 
 
 def test_columns_of_parameters(tmp_path):
     """∂r/∂k and ∂r/∂d of r = M a + h - B u, which identification fits: zero for a slack tendon."""
-    model = slackened(source(16, tmp_path))
+    model = slackened(named_model(16, tmp_path))
     for q, v, _ in cases(model):
         sample = MotionSample(model.state(q, v), v, np.zeros(model.nu), Around(model))
         for kind, field in (("tendon_stiffness", "stiffness"), ("tendon_damping", "damping")):
@@ -133,7 +124,7 @@ def test_columns_of_parameters(tmp_path):
 
 def test_the_kernel_and_numpy_agree(tmp_path):
     for seed in SEEDS:
-        model = slackened(source(seed, tmp_path))
+        model = slackened(named_model(seed, tmp_path))
         for q, v, _ in cases(model, count=2):
             scratch = model._scratch
             model.state(q, v)
@@ -144,7 +135,7 @@ def test_the_kernel_and_numpy_agree(tmp_path):
 
 
 def test_a_tendon_that_is_always_taut_is_an_ordinary_one(tmp_path):
-    model = source(16, tmp_path)
+    model = named_model(16, tmp_path)
     shorter = tuple(
         replace(tendon, stiffness=3.0, damping=0.1, rest=-50.0 * (not tendon.sites))
         for tendon in model.robot.tendons
@@ -164,7 +155,7 @@ def test_a_tendon_that_is_always_taut_is_an_ordinary_one(tmp_path):
 
 def test_the_horizon_keeps_the_taut_tendons_of_its_state(tmp_path):
     """A tendon that its damper slackens has neither a stiffness nor a damping."""
-    model = slackened(source(16, tmp_path))
+    model = slackened(named_model(16, tmp_path))
     horizon = Horizon(model, 0.05)
     for q, v, _ in cases(model, speed=2.0):
         state = model.state(q, v)

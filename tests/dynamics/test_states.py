@@ -9,10 +9,7 @@ import softdyn
 from softdyn import InputError, SoftModel
 from softdyn.dynamics.tree import TreeModel
 from tests.support.arms import PROJECTIONS
-from tests.support.balance_cases import balanced
-from tests.support.random_robots import write_robot
-from tests.support.robots import WALKER, write
-from tests.support.wrapped_robots import wrapped_robot
+from tests.support.named_models import named_model
 
 SOURCES = ("finger", "helix", "spirob", "slack", "winched", *range(6), *PROJECTIONS, "walker",
            "wrapped")  # fmt: skip
@@ -22,16 +19,7 @@ TERMS = ("q", "v", "M", "bias", "K", "D", "B", "h", "J", "Jdot", "y", "ydot", "l
 
 @pytest.fixture(params=SOURCES, ids=str)
 def model(request, tmp_path) -> SoftModel:
-    source = request.param
-    if source in PROJECTIONS:
-        return PROJECTIONS[source](tmp_path)
-    if source == "wrapped":
-        return softdyn.build(wrapped_robot(3, bodies=2))
-    if source == "walker":
-        return softdyn.load(write(tmp_path, WALKER), floating=True)
-    if isinstance(source, int):
-        return softdyn.load(write_robot(source, tmp_path))
-    return softdyn.load(source) if source == "helix" else balanced(source, tmp_path)
+    return named_model(request.param, tmp_path)
 
 
 def cases(model: SoftModel, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -21,6 +21,7 @@ from softdyn.validation import Twin, compare, crosscheck
 from softdyn.validation.crosschecks.engines import side_by_side
 from softdyn.validation.twin.rig import Rig
 from tests.support.command import command
+from tests.support.oracles import slopes
 from tests.support.random_robots import random_urdf
 from tests.support.refused import refused
 from tests.support.robots import GRIPPER
@@ -77,17 +78,11 @@ def state_of(model: SoftModel, seed: int) -> tuple[np.ndarray, np.ndarray, np.nd
     return q, rng.normal(size=model.nv), rng.uniform(0, 0.5, model.nu)
 
 
-def differences(function, model: SoftModel) -> np.ndarray:
-    """Central differences by the tangent, column by column."""
-    moves = STEP * np.eye(model.nv)
-    return np.array([(function(dx) - function(-dx)) / (2 * STEP) for dx in moves]).T
-
-
 def test_each_jacobian_is_the_derivative_of_the_acceleration(model: SoftModel) -> None:
     q, v, u = state_of(model, 1)
     at = acceleration_derivatives(model, q, v, u)
-    by_q = differences(lambda dq: model.forward_dynamics(model.integrate(q, dq), v, u), model)
-    by_v = differences(lambda dv: model.forward_dynamics(q, v + dv, u), model)
+    by_q = slopes(lambda dq: model.forward_dynamics(model.integrate(q, dq), v, u), model.nv, STEP)
+    by_v = slopes(lambda dv: model.forward_dynamics(q, v + dv, u), model.nv, STEP)
     for found, expected in ((at.q, by_q), (at.v, by_v)):
         assert found == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
 

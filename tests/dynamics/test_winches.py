@@ -14,8 +14,8 @@ from softdyn.description.rig import CommandKind
 from softdyn.dynamics.integrators import step_implicit
 from tests.support.arms import PROJECTIONS
 from tests.support.cart import cart as on_a_spring
-from tests.support.oracles import relative
-from tests.support.random_robots import write_robot
+from tests.support.named_models import named_model
+from tests.support.oracles import relative, slopes
 from tests.support.refused import refused
 from tests.support.rigs import wound
 
@@ -25,10 +25,7 @@ SEEDS = (1, 12, 16, 19, 23)  # with inputs on fixed and spatial tendons
 
 @pytest.fixture(params=[*SEEDS, "spirob", *PROJECTIONS], ids=str)
 def model(request, tmp_path) -> SoftModel:
-    which = request.param
-    if which in PROJECTIONS:
-        return wound(PROJECTIONS[which](tmp_path))
-    return wound(softdyn.load(write_robot(which, tmp_path) if isinstance(which, int) else which))
+    return wound(named_model(request.param, tmp_path))
 
 
 def cases(model: SoftModel, count: int = 3):
@@ -40,14 +37,6 @@ def cases(model: SoftModel, count: int = 3):
         middle = 0.5 * (model.u_min + model.u_max)
         u = middle + rng.uniform(-0.4, 0.4, model.nu) * (model.u_max - model.u_min)
         yield q, v, u, winches.commands(model.state(q, v), u)
-
-
-def by_numbers(f, x: np.ndarray, h: float = 1e-3) -> np.ndarray:
-    def central(h: float) -> np.ndarray:
-        axes = np.eye(len(x))
-        return np.stack([(f(x + h * e) - f(x - h * e)) / (2 * h) for e in axes], axis=-1)
-
-    return (4 * central(h) - central(2 * h)) / 3
 
 
 def test_the_inverse(model):
@@ -71,13 +60,14 @@ def test_derivatives(model):
         found = winches.inputs(at, rates, c)
         np.testing.assert_allclose(found.u, u, atol=1e-11)
         chosen = np.eye(len(at))[winches.tendon]
+        given = at, rates, c
         for k, by in enumerate((found.by_length, found.by_rate, found.by_command)):
 
-            def f(x, k=k, given=(at, rates, c)):
-                return winches.inputs(*given[:k], x, *given[k + 1 :]).u
+            def f(x, k=k, given=given):
+                return winches.inputs(*given[:k], given[k] + x, *given[k + 1 :]).u
 
             columns = by[:, None] * (np.eye(model.nu) if k == 2 else chosen)
-            assert relative(by_numbers(f, (at, rates, c)[k], 1e-5), columns) <= BAR
+            assert relative(slopes(f, len(given[k]), 1e-5), columns) <= BAR
 
 
 SPRING = 8.0

@@ -14,7 +14,7 @@ from softdyn.dynamics.balance import ForceBalance
 from softdyn.dynamics.derivatives import tangent_dynamics
 from softdyn.dynamics.wraps import Contact, RoundBodies, RoundBody, courses
 from softdyn.statics.equilibrium import potential
-from tests.support.oracles import gradient, rate, relative
+from tests.support.oracles import gradient, rate, relative, slopes
 from tests.support.robots import build, slide
 from tests.support.wrap_errors import measure
 from tests.support.wrapped_robots import wrapped_robot
@@ -113,15 +113,6 @@ def test_inside_it_bends_at_the_point_of_the_shortest_path(sphere):
     assert bent > 20
 
 
-def slope(at, f) -> np.ndarray:
-    """Central differences of f(course) by both points, extrapolated."""
-
-    def central(h):
-        return np.stack([(f(at(h * e)) - f(at(-h * e))) / (2 * h) for e in np.eye(6)], -1)
-
-    return (4 * central(STEP) - central(2 * STEP)) / 3
-
-
 @pytest.mark.parametrize("sphere", [False, True])
 @pytest.mark.parametrize("where", ["no side", "outside", "inside"])
 def test_derivatives_of_a_course(sphere, where):
@@ -145,10 +136,10 @@ def test_derivatives_of_a_course(sphere, where):
             continue
         compared += 1
         kinds.add(here.contact)
-        gradient = here.gradient.ravel()
-        assert relative(gradient, slope(at, lambda c: c.length), 1.0) < BAR
-        assert relative(here.bends.hessian[0], slope(at, lambda c: c.gradient.ravel()), 1.0) < BAR
-        assert relative(here.bends.turn[0], slope(at, lambda c: c.turn), 1.0) < BAR
+        by_points = slopes(lambda x: at(x).gradient.ravel(), 6, STEP)
+        assert relative(here.gradient.ravel(), slopes(lambda x: at(x).length, 6, STEP), 1.0) < BAR
+        assert relative(here.bends.hessian[0], by_points, 1.0) < BAR
+        assert relative(here.bends.turn[0], slopes(lambda x: at(x).turn, 6, STEP), 1.0) < BAR
     assert compared > 40, left_out
     assert Contact.FREE in kinds or Contact.BENT in kinds
     assert len(kinds) >= 3
@@ -164,10 +155,7 @@ def test_the_hessian_of_sites_almost_on_one_line_with_a_sphere_s_centre(angle):
         x = np.concatenate((a, b)) + h
         return Course(body, x[:3], x[3:]).gradient.ravel()
 
-    differences = np.stack([
-        (8 * (moved(step * e) - moved(-step * e)) - moved(2 * step * e) + moved(-2 * step * e))
-        / (12 * step) for e in np.eye(6)
-    ], -1)  # fmt: skip
+    differences = slopes(moved, 6, step)
     found = Course(body, a, b)
     assert found.contact in (Contact.CLOCKWISE, Contact.COUNTER)
     assert np.abs(differences).max() > 0.03 / angle / 0.1 / 0.12 / 2

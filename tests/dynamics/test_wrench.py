@@ -18,9 +18,8 @@ from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
 from tests.support.arms import PROJECTIONS
+from tests.support.named_models import named_model
 from tests.support.oracles import gradient, relative
-from tests.support.random_robots import write_robot
-from tests.support.robots import WALKER, write
 
 FORCE, TORQUE, POINT = [1.0, -2.0, 3.0], [0.3, 0.2, -0.1], [0.02, -0.01, 0.05]
 
@@ -30,12 +29,7 @@ JUDGED = ("finger", "helix", "spirob48", "walker", "mimic", *range(8))  # that h
 
 @pytest.fixture(params=[*JUDGED, *(name for name in PROJECTIONS if name not in JUDGED)], ids=str)
 def model(request, tmp_path) -> SoftModel:
-    if request.param in PROJECTIONS:
-        return PROJECTIONS[request.param](tmp_path)
-    if request.param == "walker":
-        return softdyn.load(write(tmp_path, WALKER), floating=True)
-    robot = request.param
-    return softdyn.load(robot if isinstance(robot, str) else write_robot(robot, tmp_path))
+    return named_model(request.param, tmp_path)
 
 
 def random_configuration(model: SoftModel) -> np.ndarray:

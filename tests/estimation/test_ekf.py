@@ -20,6 +20,7 @@ from softdyn.estimation import Disturbance, Ekf, EkfParameters
 from softdyn.estimation.consistency import chi_squared_bounds, nees
 from softdyn.estimation.covariance import symmetrised, update
 from softdyn.sensing import Sensors
+from tests.support.oracles import slopes
 from tests.support.rigs import sensors
 from tests.support.robots import WALKER, write
 
@@ -58,8 +59,8 @@ class Reference:
     def predict(self, u, step):
         n, x, size = self.n, self.mean[-1], len(self.mean[-1])
         none, h = np.zeros(n), 1e-4
-        F = differences(lambda dx: self.flow(x + dx, u, step, none), size, h)
-        G = differences(lambda f: self.flow(x, u, step, f), n, 1e-5)
+        F = slopes(lambda dx: self.flow(x + dx, u, step, none), size, h)
+        G = slopes(lambda f: self.flow(x, u, step, f), n, 1e-5)
         Q = G @ np.diag(self.force / step) @ G.T
         if self.with_tip:
             Q[2 * n :, 2 * n :] += drifts(step)[1]
@@ -79,7 +80,7 @@ class Reference:
         H, e, R = [], [], []
         for values, reading, block, about in parts:
             row = np.zeros((len(values), len(self.P)))
-            row[:, block * size : (block + 1) * size] = differences(
+            row[:, block * size : (block + 1) * size] = slopes(
                 lambda dx, f=reading, x=about: f(x + dx), size, 1e-4
             )
             moved = row[:, block * size : (block + 1) * size] @ (self.mean[block] - about)
@@ -104,13 +105,6 @@ def drifts(step, memory=MEMORY, deviation=1e-3):
     whole = expm(step * np.block([[-A, W], [np.zeros((2, 2)), A.T]]))
     turn = whole[2:, 2:].T
     return np.kron(turn, np.eye(3)), np.kron(turn @ whole[:2, 2:], np.eye(3))
-
-
-def differences(f, size, h):
-    return np.array([
-        (8 * (f(h * e) - f(-h * e)) - f(2 * h * e) + f(-2 * h * e)) / (12 * h)
-        for e in np.eye(size)
-    ]).T  # fmt: skip
 
 
 @pytest.mark.parametrize("tip", [False, True], ids=["state", "with the force at the tip"])

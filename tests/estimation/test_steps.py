@@ -12,15 +12,15 @@ from softdyn.dynamics.implicit_step import ImplicitStep, ImplicitStepResult
 from softdyn.estimation import Disturbance
 from softdyn.estimation.arrivals import second_order, sharp
 from softdyn.sensing import Sensors
-from tests.support.balance_cases import BALANCED, balanced, case
-from tests.support.oracles import relative
+from tests.support.named_models import BALANCED, case, named_model
+from tests.support.oracles import relative, slopes
 
 ALL = tuple(Disturbance)
 
 
-@pytest.fixture(params=BALANCED)
+@pytest.fixture(params=BALANCED, ids=str)
 def model(request, tmp_path):
-    return balanced(request.param, tmp_path)
+    return named_model(request.param, tmp_path)
 
 
 def test_second_order_is_the_mean_and_variance_of_a_spread_state():
@@ -55,10 +55,7 @@ def test_step(model):
             model.integrate(q, x[:n]), v + x[n : 2 * n], commands, d + x[2 * n :], step, free
         ).v.copy()
 
-    by_state = np.array([
-        (8 * (speed(h * axis) - speed(-h * axis)) - speed(2 * h * axis) + speed(-2 * h * axis))
-        / (12 * h) for axis in np.eye(2 * n + len(d))
-    ]).T  # fmt: skip
+    by_state = slopes(speed, 2 * n + len(d), h)
     assert relative(by_state, found.by_state) < 1e-6
     pushes = found.by_state[:, 2 * n :]
     by_d = ForceBalance(model, ALL)(found.q, found.v, (found.v - v) / step, commands, d).by_d
@@ -114,10 +111,7 @@ def test_derivatives_with_held_joints_are_those_of_differences():
         np.testing.assert_array_equal(there.held, found.held)
         return there.v
 
-    differences = np.array([
-        (8 * (speed(h * axis) - speed(-h * axis)) - speed(2 * h * axis) + speed(-2 * h * axis))
-        / (12 * h) for axis in np.eye(2 * n + len(d))
-    ]).T  # fmt: skip
+    differences = slopes(speed, 2 * n + len(d), h)
     for part in (slice(0, n), slice(n, 2 * n), slice(2 * n, None)):
         assert relative(differences[:, part], found.by_state[:, part]) < 1e-6
 

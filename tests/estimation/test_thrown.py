@@ -9,10 +9,12 @@ import pytest
 
 from softdyn import SetPoint
 from softdyn.estimation import Ekf, EkfParameters, chi_squared_bounds
+from softdyn.estimation.filter import Filter, FilteredModel
 from softdyn.validation import simulate
 from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.rig import rig_of
 from tests.support.bench import bench_arm
+from tests.support.robots import BENCH, build, changed
 
 PERIOD, WINDOW = 0.005, 40  # s; steps, as the bench judges an estimate
 
@@ -56,6 +58,35 @@ def test_soft_stops_have_a_deviation_of_their_own():
     assert np.maximum(log.q - model.upper, model.lower - log.q).max() > 0.02
     assert judged(model, log, stops=1e-9)[1] > 5
     assert judged(model, log, stops=5e-3)[1] == 0
+
+
+def test_only_a_joint_that_meets_its_stop_makes_joints_at_stops_uncertain():
+    """One that hits its stop shakes the other one off its own; at rest both are known exactly."""
+    model, u = bench_arm(), np.array([60.0, -60.0])
+    known = FilteredModel(model, (), EkfParameters(stops=1e-3))
+    filtered = Filter(known, np.array([1.198, -1.2]), np.array([0.5, 0.0]), u)
+    assert filtered.predict(u, PERIOD)
+    assert filtered.held.tolist() == [1, -1]
+    # a time of the step, all equally likely; the joint's range is over 1
+    at_once = (0.5 * PERIOD) ** 2 / 12
+    assert filtered.P.diagonal()[:2] == pytest.approx(at_once)
+    for _ in range(40):
+        assert filtered.predict(u, PERIOD)
+    assert filtered.P.diagonal()[:2].max() < 1e-3 * at_once
+    resting = Filter(known, np.array([1.2, -1.2]), np.zeros(2), u)
+    assert resting.predict(u, PERIOD)
+    assert resting.P.diagonal()[:2] == pytest.approx(0.0, abs=0.0)
+
+
+def test_joints_of_short_ranges_are_less_uncertain():
+    """A millimetre in a joint that slides by 20 mm is lost at once."""
+    short = ('lower="-1.2" upper="1.2"', 'lower="-0.01" upper="0.01"')
+    model = build(changed(BENCH, short))
+    known = FilteredModel(model, (), EkfParameters(stops=1e-3))
+    filtered = Filter(known, np.zeros(2), np.full(2, 5.0), np.zeros(2))
+    assert filtered.predict(np.zeros(2), PERIOD)
+    assert filtered.held.all()
+    assert filtered.P.diagonal()[:2] == pytest.approx((1e-3 * 0.02) ** 2)
 
 
 def test_tension_is_that_of_the_motor_now():

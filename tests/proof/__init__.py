@@ -14,6 +14,7 @@ of them.
 - `pictures`, `gallery`, `film`: the documents' pictures, the replays of the site, clips;
 - `discrete_steps`: Jacobians of steps against differences, and violent steps;
 - `shortest_way`: the way of `best` to a target, beside an iLQR on the full model;
+- `lost_cells`: cells where `best` is behind statics, each with and without its cause;
 - `batches`: our robots in MuJoCo Warp, with the figures of docs/gpu.md;
 - `episodes`: the speed of the environment for learning, with the figures of docs/environment.md;
 - `tables`, `documents`: the documents' tables;

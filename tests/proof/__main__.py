@@ -15,7 +15,7 @@ PROGRAMS = (
     "rests", "poses", "scenes", "near_far", "barrier_time", "obstacle", "estimates.forces",
     "estimates.creep", "identification.decays",
     "tables", "pictures", "gallery", "batches", "episodes", "weights",
-    "wraps", "discrete_steps", "shortest_way", "pressed_arm",
+    "wraps", "discrete_steps", "shortest_way", "lost_cells", "pressed_arm",
 )  # fmt: skip
 
 # a program's name → its module

@@ -19,26 +19,20 @@ from softdyn.dynamics.projection import underlying_tree
 from softdyn.sensing import Sensors
 from tests.support.arms import PROJECTIONS
 from tests.support.cart import cart
-from tests.support.oracles import relative
-from tests.support.random_robots import write_robot
+from tests.support.named_models import named_model
+from tests.support.oracles import relative, slopes
 from tests.support.refused import refused
 from tests.support.rigs import measured, wound
-from tests.support.robots import GRIPPER, WALKER, write
+from tests.support.robots import WALKER, write
 
 BAR = 1e-7
 SEEDS = (1, 12, 16, 19, 23)
 KIND = SensorKind
 
 
-@pytest.fixture(params=[*SEEDS, "helix", "floating", "mimic, floating", *PROJECTIONS], ids=str)
+@pytest.fixture(params=[*SEEDS, "helix", "walker", "walking gripper", *PROJECTIONS], ids=str)
 def model(request, tmp_path) -> SoftModel:
-    which = request.param
-    if which in PROJECTIONS:
-        return measured(PROJECTIONS[which](tmp_path))
-    if isinstance(which, str) and "floating" in which:
-        text = WALKER if which == "floating" else GRIPPER
-        return measured(softdyn.load(write(tmp_path, text), floating=True))
-    return measured(softdyn.load(write_robot(which, tmp_path) if isinstance(which, int) else which))
+    return measured(named_model(request.param, tmp_path))
 
 
 def case(model: SoftModel, seed: int = 3):
@@ -52,15 +46,6 @@ def case(model: SoftModel, seed: int = 3):
         force += model.tendon_damping * (state.moment_arms @ v)
         if np.abs(force).min(initial=1.0) > 0.005:
             return q, v, rng.uniform(np.maximum(model.u_min, -5), np.minimum(model.u_max, 5))
-
-
-def differences(f, size: int, h: float) -> np.ndarray:
-    """∂f along each of `size` axes; f takes a displacement and returns errors of readings."""
-
-    def central(h: float) -> np.ndarray:
-        return np.stack([(f(h * e) - f(-h * e)) / (2 * h) for e in np.eye(size)], axis=-1)
-
-    return (4 * central(h) - central(2 * h)) / 3
 
 
 def bent(model: SoftModel) -> tuple[Sensor, ...]:
@@ -93,7 +78,7 @@ def test_second_derivatives(model):
         return sensors.predict(model.integrate(q, dq), v, u)[1][:, :n]
 
     found = sensors.hessians(q, v, u)
-    expected = differences(by_q, n, 1e-4)
+    expected = slopes(by_q, n, 1e-4)
     expected = 0.5 * (expected + expected.transpose(0, 2, 1))
     assert relative(found, expected) < BAR
     x = 1e-3 * np.random.default_rng(4).normal(size=n)
@@ -120,8 +105,8 @@ def test_jacobians(model):
     def by_u(du):
         return here.errors_of(model.measure(model.state(q, v), u + du).values)
 
-    found = differences(by_q, n, 5e-5), differences(by_v, n, 5e-5)
-    inputs = differences(by_u, model.nu, 1e-2) if model.nu else here.jacobian_u
+    found = slopes(by_q, n, 5e-5), slopes(by_v, n, 5e-5)
+    inputs = slopes(by_u, model.nu, 1e-2) if model.nu else here.jacobian_u
     first = 0
     for sensor in model.robot.sensors:
         rows = slice(first, first + sensor.kind.size)
@@ -295,10 +280,7 @@ def test_wrong_arguments():
 @pytest.mark.parametrize("which", [1, 12, 23, *PROJECTIONS], ids=str)
 def test_under_winches_tensions_and_accelerations_change_with_the_state(which, tmp_path):
     """At constant commands, against central differences; at the winches' inputs the same values."""
-    made = PROJECTIONS[which](tmp_path) if which in PROJECTIONS else softdyn.load(
-        write_robot(which, tmp_path)
-    )  # fmt: skip
-    model = wound(measured(made))
+    model = wound(measured(named_model(which, tmp_path)))
     q, v, u = case(model)
     sensors, winches, n = Sensors(model), Winches(model), model.nv
     state = model.state(q, v)
@@ -313,9 +295,6 @@ def test_under_winches_tensions_and_accelerations_change_with_the_state(which, t
     def change(dq, dv):
         return errors(values, sensors.predict(model.integrate(q, dq), v + dv, commands, winches)[0])
 
-    zero = np.zeros(n)
-    for k, e in enumerate(h * np.eye(n)):
-        by_q = (change(e, zero) - change(-e, zero)) / (2 * h)
-        by_v = (change(zero, e) - change(zero, -e)) / (2 * h)
-        assert relative(by_q, jacobian[:, k]) <= 1e-5
-        assert relative(by_v, jacobian[:, n + k]) <= 1e-5
+    changes = slopes(lambda x: change(x[:n], x[n:]), 2 * n, h)
+    for k in range(2 * n):
+        assert relative(changes[:, k], jacobian[:, k]) <= 1e-5

@@ -18,8 +18,8 @@ from softdyn.commands import statics as command
 from softdyn.statics.equilibria import _newton
 from softdyn.validation.crosschecks.rests import hold
 from softdyn.validation.report import statics_figure
+from tests.support.named_models import named_model
 from tests.support.oracles import gradient, relative
-from tests.support.random_robots import write_robot
 from tests.support.refused import refused
 from tests.support.robots import build, cable, hinge, joint, link, motor, robot, slide, write
 
@@ -117,8 +117,7 @@ def test_inputs_for_the_pendulum_s_tip():
 
 @pytest.fixture(params=["finger", "helix", "spirob", 1, 4, 6], ids=str)
 def model(request, tmp_path) -> SoftModel:
-    source = request.param
-    return softdyn.load(source if isinstance(source, str) else write_robot(source, tmp_path))
+    return named_model(request.param, tmp_path)
 
 
 def some_input(model: SoftModel, size: float = 0.02) -> np.ndarray:

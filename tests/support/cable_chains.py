@@ -48,6 +48,13 @@ def chain(axes: np.ndarray, piece: float, *, stiffness: float = 0.0, lag: float 
     return replace(robot, task="tip")
 
 
+def rubbing(name: str, mu: float = 0.1) -> SoftModel:
+    """A bundled robot all of whose cables rub."""
+    robot = softdyn.load(name).robot
+    tendons = tuple(replace(tendon, friction=mu) for tendon in robot.tendons)
+    return softdyn.build(replace(robot, tendons=tendons))
+
+
 def pulled(robot: Robot, *tendons: Tendon) -> Robot:
     """The robot with tendons that one input each pulls; the force along it is u."""
     inputs = tuple(Actuator(f"u{k}", t.name, 1.0, -9.0, 9.0) for k, t in enumerate(tendons))

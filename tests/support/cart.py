@@ -29,6 +29,14 @@ def cart(*bounds: float, **changes: Any) -> SoftModel:
     return build(text(*bounds, **changes))
 
 
+def step_response(t: np.ndarray, force: float) -> np.ndarray:
+    """Position of the cart after a force on it at rest, t in s."""
+    rate, natural = DAMPING / (2 * MASS), STIFFNESS / MASS
+    omega = np.sqrt(natural - rate**2)
+    wave = np.cos(omega * t) + rate / omega * np.sin(omega * t)
+    return force / STIFFNESS * (1 - np.exp(-rate * t) * wave)
+
+
 def push(force):
     return lambda state, reference: SimpleNamespace(u=np.array([force]))
 

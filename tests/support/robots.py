@@ -126,7 +126,7 @@ def hinge(
     mass: float = 1.0, com: str | None = "0.1 0 0", moments: object = 1e-3, *,
     tip: str | None = None, pull: tuple[object, object] | None = None, gear: object = 1,
     path: Iterable[str] = (), tendon: dict[str, object] | None = None,
-    drive: dict[str, object] | None = None,
+    drive: dict[str, Any] | None = None,
     base: str = "", body: str = "", block: str = "", name: str = "hinge", child: str = "arm",
     called: str = "small", **of_joint: Any,
 ) -> str:  # fmt: skip
@@ -149,7 +149,7 @@ def hinge(
 
 def slide(mass: float = 1.0, moments: object = 1e-3, *, axis: str = "1 0 0", **options: Any) -> str:
     """A block on a slide along x, with the options of `hinge`."""
-    places = {"name": "slide", "child": "block", "axis": axis, "kind": "prismatic"}
+    places: dict[str, Any] = {"name": "slide", "child": "block", "axis": axis, "kind": "prismatic"}
     return hinge(mass, None, moments, **places | options)
 
 
@@ -168,7 +168,7 @@ def two_links(
     looks: str = "",
 ) -> str:  # fmt: skip
     """An arm along x in a vertical plane: base, `shoulder`, upper, `elbow`, fore, tip."""
-    places = {"limit": (-1.2, 1.2), "damping": damping, "stiffness": stiffness}
+    places: dict[str, Any] = {"limit": (-1.2, 1.2), "damping": damping, "stiffness": stiffness}
     bodies = [
         link(one, mass, "0.1 0 0", "1e-4 1e-3 1e-3", looks) for one in ("base", "upper", "fore")
     ]
@@ -220,7 +220,7 @@ def preloaded(lower: float = 5.0, upper: float = 5.0, *, elbow: float = -1.0) ->
 
     The preload's bounds are in N, the elbow's lower limit in rad.
     """
-    places = {"damping": 0.02, "stiffness": 0.5, "effort": 1}
+    places: dict[str, Any] = {"damping": 0.02, "stiffness": 0.5, "effort": 1}
     return robot(
         "arm", link("base"), link("tip"),
         *(link(name, 0.1, "0 0 -0.1", 1e-4) for name in "ab"),

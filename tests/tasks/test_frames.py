@@ -20,16 +20,13 @@ from softdyn.tasks import (
 )
 from softdyn.tasks.frames import FrameStack
 from softdyn.tasks.targets import exp3
+from tests.support.named_models import named_model
 from tests.support.refused import refused
-from tests.support.robots import GRIPPER, WALKER, write
 
 
-@pytest.fixture(params=["helix", "mimic", "floating"])
+@pytest.fixture(params=["helix", "mimic", "walker"], ids=str)
 def model(request, tmp_path):
-    if request.param == "helix":
-        return softdyn.load("helix")
-    text = GRIPPER if request.param == "mimic" else WALKER
-    return softdyn.load(write(tmp_path, text), floating=request.param == "floating")
+    return named_model(request.param, tmp_path)
 
 
 def targets(seed: int) -> StackedReference:

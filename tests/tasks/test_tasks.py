@@ -34,21 +34,18 @@ from softdyn.tasks.targets import exp3
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
 from tests.support.arms import EVERYTHING, loaded
+from tests.support.named_models import named_model
 from tests.support.oracles import relative
-from tests.support.random_robots import write_robot
-from tests.support.robots import GRIPPER, WALKER, write
+from tests.support.robots import WALKER, build
 
 BAR = 1e-7
 ANGLES = (0.0, 1e-4, 1.5, math.pi - 1e-3)
-ROBOTS = ("finger", "helix", "mimic", "floating")
+ROBOTS = ("finger", "helix", "mimic", "walker")
 
 
-@pytest.fixture(params=ROBOTS)
+@pytest.fixture(params=ROBOTS, ids=str)
 def model(request, tmp_path) -> SoftModel:
-    if request.param in ("mimic", "floating"):
-        text = GRIPPER if request.param == "mimic" else WALKER
-        return softdyn.load(write(tmp_path, text), floating=request.param == "floating")
-    return softdyn.load(request.param)
+    return named_model(request.param, tmp_path)
 
 
 def unit(vector) -> np.ndarray:
@@ -163,16 +160,10 @@ def test_the_drift_is_a_central_difference_at_any_angle(angle, seed):
         assert relative(second, found.jacobian @ path.a + found.drift, 1.0) < BAR, kind
 
 
-@pytest.mark.parametrize("which", ["finger", "helix", "mimic", "floating", 1, 12, 16])
+@pytest.mark.parametrize("which", ["finger", "helix", "mimic", "walker", 1, 12, 16])
 def test_frames_are_those_of_mujoco(which, tmp_path):
     """Jacobians and J̇ q̇ of every link's frame, by another engine's reading of the file."""
-    if isinstance(which, int):
-        model = softdyn.load(write_robot(which, tmp_path))
-    elif which in ("mimic", "floating"):
-        text = GRIPPER if which == "mimic" else WALKER
-        model = softdyn.load(write(tmp_path, text), floating=which == "floating")
-    else:
-        model = softdyn.load(which)
+    model = named_model(which, tmp_path)
     rng = np.random.default_rng(4)
     low, high = np.maximum(model.lower, -0.8), np.minimum(model.upper, 0.8)
     q, v = model.configuration(rng.uniform(low, high)), rng.normal(size=model.nv)
@@ -249,8 +240,8 @@ def test_an_antiparallel_axis_has_a_stated_finite_branch():
         assert found.jacobian == pytest.approx(np.outer(n, n @ jacobian), abs=1e-9)
 
 
-def test_a_continuous_joint_takes_the_shorter_way(tmp_path):
-    model = softdyn.load(write(tmp_path, WALKER.replace("floating", "")))
+def test_a_continuous_joint_takes_the_shorter_way():
+    model = build(WALKER)
     q = model.configuration(np.where([n == "jz" for n in model.joint_names], 3.0, 0.0))
     error = JointTask(["jz"]).evaluate(model.state(q, np.zeros(model.nv)), Target([-3.0]))
     assert error.error == pytest.approx([6 - 2 * math.pi])

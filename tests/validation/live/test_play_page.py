@@ -247,7 +247,7 @@ def test_a_recording_replays(other, recorded):
     assert other.console == []
 
 
-def test_a_watched_run_leaves_a_page_that_replays_it(other, tmp_path):
+def test_a_watched_run_leaves_a_page_that_replays_it(other):
     model = softdyn.load("finger")
     goal = paper.set_point("finger", 0.5)
     options = RunOptions(duration=0.3, name="soft-id-clf-qp")

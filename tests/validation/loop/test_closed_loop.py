@@ -14,20 +14,12 @@ from softdyn.controllers import Compensated, Impedance, SoftIdClfQp
 from softdyn.validation import Twin, crosscheck, paper, simulate
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.settings import RunOptions
-from tests.support.cart import DAMPING, LENGTH, MASS, STIFFNESS, TARGET, push, steer
+from tests.support.cart import DAMPING, LENGTH, MASS, STIFFNESS, TARGET, push, steer, step_response
 from tests.support.refused import refused
 from tests.support.robots import build, hinge
 
 NAN, INF = math.nan, math.inf
 WHEEL = hinge(0.2, "0 0 -0.1", kind="continuous")
-
-
-def step_response(t, force):
-    """Position of the cart after a force on it at rest, t in s."""
-    rate, natural = DAMPING / (2 * MASS), STIFFNESS / MASS
-    omega = math.sqrt(natural - rate**2)
-    wave = np.cos(omega * t) + rate / omega * np.sin(omega * t)
-    return force / STIFFNESS * (1 - np.exp(-rate * t) * wave)
 
 
 def implicit(inputs, substeps, h):

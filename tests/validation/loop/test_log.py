@@ -11,6 +11,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 import softdyn
 from softdyn import FormatError, SetPoint
@@ -47,6 +49,32 @@ def test_a_saved_log_comes_back_exactly(log, tmp_path, file):
     beside = ["run.csv.json"] if file.endswith(".csv") else []  # the record
     written = sorted(path.name for path in tmp_path.iterdir() if path.suffix != ".urdf")
     assert written == [file, *beside]
+
+
+ANY = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@given(data=st.data(), steps=st.integers(1, 4))
+@settings(max_examples=15, deadline=None, derandomize=True,
+          suppress_health_check=[HealthCheck.function_scoped_fixture])  # fmt: skip
+@pytest.mark.parametrize("file", ["run.npz", "run.csv"])
+def test_any_numbers_come_back_exactly(tmp_path, file, data, steps):
+    """Also the smallest and the largest ones, and a zero with a sign."""
+
+    def drawn(*shape: int) -> np.ndarray:
+        size = int(np.prod(shape))
+        return np.array(data.draw(st.lists(ANY, min_size=size, max_size=size))).reshape(shape)
+
+    t = 0.1 * np.arange(steps + 1)
+    far = np.array([np.finfo(float).max])
+    log = make_log(t, drawn(steps + 1, 3), q=drawn(steps + 1, 2), v=drawn(steps + 1, 2),
+                   u=drawn(steps, 1), V=drawn(steps), u_min=-far, u_max=far)  # fmt: skip
+    path = tmp_path / file
+    if file.endswith(".csv"):
+        log.to_csv(path)
+    else:
+        log.save(path)
+    assert_same(log, Log.from_csv(path) if file.endswith(".csv") else Log.load(path))
 
 
 def test_a_csv_that_is_no_log_is_refused(log, tmp_path):

@@ -13,8 +13,9 @@ from softdyn.commands.run import unmodelled
 from softdyn.controllers import best
 from softdyn.description.urdf_writer import write
 from softdyn.estimation import Ekf, EkfParameters
+from softdyn.estimation.recorded import BIASED
 from softdyn.identification.data import read_csv
-from softdyn.validation import Log, Rig, paper, simulate
+from softdyn.validation import Log, PlantErrors, Rig, paper, simulate
 from tests.support import robots
 from tests.support.command import command as run
 from tests.support.refused import refused
@@ -145,6 +146,17 @@ def test_the_command_tells_when_the_model_lacks_forces():
     calm = Ekf(model, parameters=EkfParameters(process=0.03))
     assert "lacks" not in unmodelled(calm)[0]
     assert unmodelled(SimpleNamespace(process=1.0)) == ("", None)
+
+
+def test_a_force_that_stays_shows_in_readings_that_are_off_to_one_side():
+    """20 g that the model lacks, hidden from the noise; not with the payload or a right model."""
+    model, goal = sensed("finger", **CAMERA), paper.set_point("finger", theta=0.5)
+    for load, names, off in ((0.02, (), True), (0.02, ("payload",), False), (0.0, (), False)):
+        ekf = Ekf(model, disturbances=names)
+        rig = Rig(plant=PlantErrors(payload=load))
+        simulate(model, best(model), goal, duration=1.5, rig=rig, observer=ekf)
+        assert (abs(ekf.biases).max() > BIASED) == off
+        assert ("off to one side" in unmodelled(ekf)[0]) == off
 
 
 def test_estimated_disturbances_are_in_the_log(tmp_path):

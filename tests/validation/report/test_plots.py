@@ -15,10 +15,9 @@ from softdyn.validation.report.plot_data import PlottedRun, lyapunov_band, thin_
 from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.sources import load_model
-from tests.support import SCRIPTS, logs
+from tests.support import logs
 from tests.support.refused import refused
 
-SCRIPT = SCRIPTS / "benchmark.py"
 NU = {"finger": 2, "helix": 9, "spirob": 3}
 SIX = ("clf-qp", "soft-id-clf-qp", "id-clf-qp", "ic", "uic", "ic-qp")
 ALL = {

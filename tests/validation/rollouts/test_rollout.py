@@ -11,7 +11,7 @@ import softdyn
 from softdyn import InputError
 from softdyn.validation import Integrator, Log, Rig, rollout, rollouts
 from softdyn.validation.rollouts import threads
-from tests.support.cart import DAMPING, LENGTH, MASS, STIFFNESS, text
+from tests.support.cart import LENGTH, step_response, text
 from tests.support.command import command
 from tests.support.logs import assert_same
 from tests.support.refused import refused
@@ -26,13 +26,6 @@ def cart(tmp_path_factory):
 @pytest.fixture(scope="module")
 def arm():
     return softdyn.load("spirob")
-
-
-def step_response(t, force):
-    rate, natural = DAMPING / (2 * MASS), STIFFNESS / MASS
-    omega = math.sqrt(natural - rate**2)
-    wave = np.cos(omega * t) + rate / omega * np.sin(omega * t)
-    return force / STIFFNESS * (1 - np.exp(-rate * t) * wave)
 
 
 @pytest.mark.parametrize(("scheme", "order"), [(Integrator.IMPLICITFAST, 1), ("rk4", 4)])
@@ -109,7 +102,8 @@ def test_starts_that_do_not_fit_are_refused(arm, name, start):
     assert caught.value.name == name
 
 
-def test_runs_behind_a_rig_are_in_processes_and_the_same(arm):
+def test_runs_behind_a_rig_are_in_processes_and_the_same(arm, monkeypatch):
+    monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "2")
     rig, batch = Rig(lag=0.02, delay=0.003), [np.full(arm.nu, u) for u in (0.5, 2.0)]
     found = rollouts(arm, batch, 0.04, rig=rig)
     for log, u in zip(found, batch, strict=True):
@@ -151,7 +145,7 @@ def test_a_rollout_is_a_log(cart, tmp_path):
     assert_same(replace(again, robot=log.robot), log)
 
 
-def test_the_command(cart, tmp_path):
+def test_the_command(cart):
     done = command("rollout", cart.robot.path, "--u", "2", "--seconds", "0.1", "--json", "-")
     assert done.code == 0, done.err
     told = json.loads(done.out)
@@ -299,7 +293,7 @@ def test_friction_is_that_of_cables_too(tmp_path):
     assert ends[1] == pytest.approx(0.3 - 10 * np.exp(-0.2 * np.pi / 2) / 200, abs=2e-4)
 
 
-def test_options_without_use_say_so(cart, tmp_path):
+def test_options_without_use_say_so(cart):
     file = str(cart.robot.path)
     for option in ("--friction", "--rig"):
         with pytest.warns(UserWarning, match=f"{option} changes nothing"):

@@ -495,7 +495,7 @@ def test_rows_need_results(tmp_path):
         benchmark.benchmark_rows(benchmark.grid(("finger",), ("ic",)), tmp_path)
 
 
-def test_processes(tmp_path):
+def test_processes():
     assert sorted(in_processes(divmod, [(7, 2), (9, 4)], 1)) == [(2, 1), (3, 1)]
     assert sorted(in_processes(os.path.abspath, [(".",)], 2)) == [os.getcwd()]
     with pytest.raises(WorkerKilled, match="to continue where it stopped"):

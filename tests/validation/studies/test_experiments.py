@@ -165,7 +165,7 @@ def test_an_experiment_is_frozen():
     assert replace(experiment, duration=1.0).duration == 1.0
 
 
-def test_an_experiment_is_one_of_three(tmp_path):
+def test_an_experiment_is_one_of_three():
     model = softdyn.load("finger")
     assert paper.experiment(model, theta=0.5).theta == 0.5
     assert paper.experiment(model, theta=0.5).length == 0.24

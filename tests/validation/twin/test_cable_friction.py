@@ -13,17 +13,10 @@ from softdyn import SoftModel, statics
 from softdyn.actuation import Capstan
 from softdyn.description.robot import PathEnd
 from softdyn.validation import Rig, Twin, crosscheck, rollout
-from tests.support.cable_chains import random_arm
+from tests.support.cable_chains import random_arm, rubbing
 from tests.support.refused import refused
 from tests.support.robots import build, changed, slide
 from tests.support.wrapped_robots import wrapped_robot
-
-
-def rubbing(name: str, mu: float = 0.1) -> SoftModel:
-    robot = softdyn.load(name).robot
-    return softdyn.build(
-        replace(robot, tendons=tuple(replace(tendon, friction=mu) for tendon in robot.tendons))
-    )
 
 
 @pytest.mark.parametrize("seed", [0, 1, 3])

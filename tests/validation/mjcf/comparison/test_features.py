@@ -260,9 +260,6 @@ def test_notes_that_differ_fail_when_strict(files):
     assert compare(files[0], files[0], strict=True).passed
 
 
-LEFT_OUT = ("ball", "pulley", "site motor", "ball motor", "servo", "connect", "weld", "tendon eq")
-
-
 @pytest.mark.parametrize("name", PAIRS)
 def test_an_export_tells_what_it_leaves_out(files, name):
     write(files, PAIRS[name])
