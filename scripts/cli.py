@@ -379,7 +379,7 @@ def best_note(model: SoftModel, name: str, gains: str | None) -> str:
 
     if name != "best" or gains is not None or model.nu == 0 or tuned(model) is not None:
         return ""
-    return f"best is mpc that aims at equilibria here: {model.name} has no tuned schedule"
+    return f"best is mpc with equilibria as its targets, because {model.name} has no tuned gains"
 
 
 def program(

@@ -269,15 +269,17 @@ class Diagnosis:
             yield "  every direction has an input"
             return
         rest = self.rest
-        parts = f"{rest.least:.3g} with gravity, which takes up to {rest.gravity[0]:.3g}"
+        most = float(rest.gravity[0])
+        change = "takes away up to" if most > 0 else "adds at least"
+        parts = f"{rest.least:.3g} (gravity {change} {abs(most):.3g})"
         if rest.dominates and self.falls:
             yield (
-                f"  at q = 0 gravity wins unless an input holds the robot: the least of all "
-                f"directions is {self.least:.3g}; of those without an input it is {parts}"
+                f"  at q = 0 gravity wins unless an input holds the robot: the smallest "
+                f"stiffness is {self.least:.3g}; in directions without an input it is {parts}"
             )
         else:
             verdict = "dominates" if rest.dominates else "does NOT dominate"
-            yield f"  at q = 0 stiffness {verdict}: the least is {parts}"
+            yield f"  at q = 0 stiffness {verdict}: the smallest stiffness is {parts}"
         shares = ", ".join(f"{value:+.2f} {name}" for name, value in self.softest.items())
         yield f"  softest direction: {shares}"
         yield (

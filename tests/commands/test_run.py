@@ -226,7 +226,7 @@ def test_an_own_robot_to_a_target(call, folder):
 def test_best_says_what_it_is_for_a_robot_without_a_schedule(call):
     _, out, _ = call("arm.urdf", "best", "--theta", 0, "--duration", 0.004)
     assert out.startswith(
-        "best is mpc that aims at equilibria here: finger has no tuned schedule\n"
+        "best is mpc with equilibria as its targets, because finger has no tuned gains\n"
     )
 
 

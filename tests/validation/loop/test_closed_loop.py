@@ -215,6 +215,9 @@ def test_inputs_beyond_their_bounds_are_measured_and_clipped(cart):
     assert log.u[:, 0].tolist() == [5.0, 20.0, -20.0]
     assert log.max_bound_violation == 1.5
     assert "answers up to 1.5 beyond the bounds, clipped" in log.summary()
+    rounded = simulate(cart, lambda s, r: [20 + 1e-12], TARGET, duration=0.01)
+    assert rounded.max_bound_violation > 0
+    assert "inputs in bounds" in rounded.summary()
     np.testing.assert_allclose(
         log.q[:, 0], implicit([5.0, 20.0, -20.0], [20] * 3, 5e-4)[:, 0], rtol=0, atol=1e-14
     )
