@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from softdyn import SoftModel
     from softdyn.description.visuals import Visual
+    from softdyn.estimation import Ekf
     from softdyn.safety import Surroundings
     from softdyn.statics import Equilibrium
     from softdyn.validation import Log
@@ -95,6 +96,7 @@ your own class, or a file without room; 2 bad input; 130 interrupted.
 
 
 LACKING = 0.06  # of an Ekf's process noise; with a right model it ends below
+RECENT = 2000  # steps of a run that are looked at again
 PATIENCE = 4.0  # s to look for the nearest rest
 AIMS = ("theta", "omega", "target", "targets", "trajectory")  # options that make the reference
 TRANSIENT = 1.0  # s; a shorter run may not have had the time to reach its target
@@ -217,7 +219,7 @@ def command(arguments: cli.Arguments) -> int:
         text = f"{text}\n{line}".rstrip()
     text = "\n".join(filter(None, [cli.best_note(model, log.controller, arguments.gains), text]))
     if loop.loop.observation is not None:
-        line, report["process_noise"] = unmodelled(loop.loop.observation.observer)
+        line, report["process_noise"] = unmodelled(loop.loop.observation.observer, log)
         text = f"{text}\n{line}".rstrip()
     if plant is not None:
         report["plant"] = plant.to_dict()
@@ -402,12 +404,15 @@ def goal_of(model: SoftModel, arguments: cli.Arguments) -> tuple[Experiment, dic
     return experiment, more
 
 
-def unmodelled(observer: Any) -> tuple[str, float | None]:
-    """The process noise at which an `Ekf` arrived: a line, and its value; none of a user's own."""
-    from softdyn.estimation import Ekf
+def unmodelled(observer: Any, log: Log | None = None) -> tuple[str, float | None]:
+    """The process noise at which an `Ekf` arrived: a line, and its value; none of a user's own.
+
+    With the log the line has the force at the tip that would explain readings off to one side.
+    """
+    from softdyn import estimation
     from softdyn.estimation.recorded import BIASED
 
-    if not isinstance(observer, Ekf):
+    if not isinstance(observer, estimation.Ekf):
         return "", None
     given, found = observer.parameters, observer.process
     line = (
@@ -421,6 +426,8 @@ def unmodelled(observer: Any) -> tuple[str, float | None]:
             f". {name} is off to one side, by {biases.max():.0f} standard deviations of a mean: "
             "a bias of this sensor, or a force that stays and that the model lacks"
         )
+        if log is not None and type(observer) is estimation.Ekf and not observer.disturbances:
+            line += constant_force(observer, log)
     elif found > LACKING and not observer.disturbances:
         line += ": they may show forces that the model lacks"
     else:
@@ -428,6 +435,33 @@ def unmodelled(observer: Any) -> tuple[str, float | None]:
     if not observer.disturbances:
         line += ". To estimate forces: --observer tip_force, payload, stiffness or joint_offsets"
     return line, found
+
+
+def constant_force(observer: Ekf, log: Log) -> str:
+    """The force at the tip that explains the last readings of a run; empty if none does."""
+    import numpy as np
+
+    from softdyn.estimation.recorded import BIASED
+
+    name = "tip_force"
+    other = type(observer)(observer.model, disturbances=(name,), parameters=observer.parameters)
+    assert log.measured is not None
+    assert log.q_seen is not None
+    assert log.v_seen is not None
+    if not log.complete or other.reading_names != observer.reading_names:
+        return ""
+    commands = log.u if log.command is None else log.command
+    sent, first = [commands[0], *commands], max(log.steps - RECENT, 0)
+    other.reset(log.q_seen[first], log.v_seen[first], sent[first])
+    for k in range(first, log.steps):
+        estimate = other.step(log.t[k], log.measured[k], sent[k])
+    force = estimate.disturbances[name]
+    size = float(np.linalg.norm(force))
+    if not size or abs(other.biases).max() > BIASED:
+        return ""
+    along = force / size
+    deviation = 1.96 * float(np.sqrt(along @ other.covariance_of(name) @ along))
+    return f". A constant force of {size:.2g} ± {deviation:.1g} N at the tip would explain it"
 
 
 def nearest_rest(
