@@ -19,13 +19,16 @@ In a run every barrier has two rows: τ is the horizon in one, and the control p
 With the first row alone an input may push the tip in within a period, because it would come back
 within the horizon; but the next input does the same. With the second row alone it brakes too late.
 
-Stops of joints make q̈ piecewise linear in u (`qps.stopped_step`). An input has to meet the rows of
-its own mode. The rows of every mode that an answer has, and that it breaks, are added to the QP, so
-the search ends at such an input, or at an input that meets the rows of several modes. If it finds
-none, it drops the rows over the horizon, and asks s⁺ ≥ 0 instead of (1 + β τ) s⁺ ≥ s where s > 0.
-That is all that the next state needs; always asked alone, it makes inputs chatter. Rows are linear,
-and large inputs can meet them by motions for which this is wrong. So where there are rows, no joint
-may move by more than 0.1 rad or 10 mm in a period, unless it is as fast already.
+The input is that of a QP in strict order (`qps.lexicographic_qp`):
+
+1. the bounds of u, and the stops of joints, which make q̈ piecewise linear in u;
+2. the rows, wholly; if no input that the search finds meets them all, those over the horizon are
+   dropped, and those over the period ask s⁺ ≥ 0 instead of (1 + β τ) s⁺ ≥ s where s > 0, with the
+   least slack. That is all that the next state needs; always asked alone, it makes inputs chatter;
+3. the law's objective.
+
+Rows are linear, and large inputs can meet them by motions for which this is wrong. So where there
+are rows, no joint may move by more than 0.1 rad or 10 mm in a period, unless it is as fast already.
 """
 
 from __future__ import annotations
@@ -126,9 +129,8 @@ class LoadedStop(UserWarning):
 class BarrierRows:
     """The rows of all barriers; they are hard if an admissible input meets them.
 
-    The priorities are: the input bounds, then the rows, then the objective. If no admissible input
-    meets all rows, they are relaxed by the least squares of their excess, in mm and 0.01 rad; see
-    `softdyn.controllers.qps.relaxed_rows`.
+    If no admissible input meets all rows, they are relaxed by the least squares of their excess, in
+    mm and 0.01 rad.
 
     Parameters
     ----------
@@ -272,9 +274,9 @@ class BarrierRows:
     ) -> Conditions:
         """The conditions of all barriers over a step.
 
-        An excess of its unit lets b decrease by one of the barrier's. Braking asks s⁺ ≥ 0 where
-        s > 0. Limits of joints keep them from their stops, so their conditions are on free joints.
-        Over a period no joint moves by more than `LEAP` units, or faster than it does.
+        An excess of its unit lets b decrease by one of the barrier's. Limits of joints keep them
+        from their stops, so their conditions are on free joints. Over a period no joint moves by
+        more than `LEAP` units, or faster than it does.
         """
         tau, A, free = step.tau, values.gradient, values.limits
         c, unit = values.braking(tau) if braking else values.allowed(tau)
@@ -318,8 +320,8 @@ class BarrierValues(NamedTuple):
         return c + self.drift, share * both * self.unit
 
     def braking(self, tau: float) -> tuple[np.ndarray, np.ndarray]:
-        """The same of s⁺ ≥ 0 where s > 0."""
+        """The same, but where s > 0 only s⁺ ≥ 0 is asked."""
         alpha, (allowed, unit) = self.alpha, self.allowed(tau)
-        later, reach = self.rate + alpha * self.b > 0, alpha / (tau * (1 + alpha * tau))
-        allowed = np.where(later, self.rate / tau + reach * self.b + self.drift, allowed)
-        return allowed, np.where(later, reach * self.unit, unit)
+        safe, reach = self.rate + alpha * self.b > 0, alpha / (tau * (1 + alpha * tau))
+        allowed = np.where(safe, self.rate / tau + reach * self.b + self.drift, allowed)
+        return allowed, np.where(safe, reach * self.unit, unit)

@@ -96,7 +96,7 @@ class Conditions(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """An answer of the outer loop.
+    """An answer of 2 and 3.
 
     Attributes
     ----------
@@ -106,6 +106,8 @@ class Answer(NamedTuple):
         Its largest excess in its own mode, in units.
     square : float
         The sum of squares of its excesses.
+    slack : bool
+        Whether rows needed slack.
     least : bool
         Whether the objective had no part in it; unknowns other than u then have no value.
     """
@@ -113,13 +115,6 @@ class Answer(NamedTuple):
     solution: QpSolution
     excess: float = np.inf
     square: float = np.inf
-    least: bool = False
-
-
-class Ordered(NamedTuple):
-    """An answer of 2 and 3 in known modes; `slack` says whether it needs any, `least` as above."""
-
-    solution: QpSolution
     slack: bool = False
     least: bool = False
 
@@ -136,7 +131,6 @@ class LexicographicQp:
     def __init__(self, u_min: np.ndarray, u_max: np.ndarray) -> None:
         self._u_min, self._u_max = u_min, u_max
         self._range = np.where(u_max > u_min, u_max - u_min, 1.0)
-        self._solvers: dict[tuple[int, int], DenseQp] = {}
 
     def __call__(
         self,
@@ -182,8 +176,10 @@ class LexicographicQp:
     ) -> Answer:
         """The best answer of the outer loop from some modes, one for each step."""
         u = wanted = solution.x[: len(self._range)]
-        best, parts, answer = Answer(solution), list[Rows](), Ordered(solution)
-        known: dict[tuple[int, bytes], np.ndarray] = {}  # whether the QP has a condition in a mode
+        best = answer = Answer(solution)
+        parts: list[Rows] = []
+        # of each step, whether the QP has a condition in a mode
+        known: list[dict[bytes, np.ndarray]] = [{} for _ in conditions]
         # first q̈ in the given modes, then in those that u leads to
         motions = [
             (one.step.response(mode) @ np.append(u, 1.0), mode)
@@ -195,12 +191,12 @@ class LexicographicQp:
                 over = np.maximum(np.concatenate(excess), 0.0)
                 square = float(over @ over)
                 if square < best.square:
-                    best = Answer(answer.solution, float(over.max()), square, answer.least)
+                    best = answer._replace(excess=float(over.max()), square=square)
             before = len(parts)
-            for i, (one, (_, mode), own) in enumerate(
-                zip(conditions, motions, excess, strict=True)
+            for one, (_, mode), own, in_modes in zip(
+                conditions, motions, excess, known, strict=True
             ):
-                has = known.setdefault((i, mode.tobytes()), np.zeros(len(own), bool))
+                has = in_modes.setdefault(mode.tobytes(), np.zeros(len(own), bool))
                 worst = np.argsort(np.where(has, np.inf, -own))[:MOST]
                 new = worst[(own[worst] > ENOUGH) & ~has[worst]]
                 if new.size:
@@ -221,7 +217,7 @@ class LexicographicQp:
     def ordered(
         self, problem: QpProblem, wanted: np.ndarray, rows: Rows, slack: bool = True,
         needed: bool = False,
-    ) -> Ordered | None:  # fmt: skip
+    ) -> Answer | None:  # fmt: skip
         """Levels 2 and 3 with the rows of known modes.
 
         Parameters
@@ -240,7 +236,7 @@ class LexicographicQp:
         if not needed:
             found = self._restricted(problem, rows.matrix, rows.upper + rows.unit * ROOM)
             if found is not None and found.solved:
-                return Ordered(found)
+                return Answer(found)
         excess, nearest = self.least_slack(rows, wanted)
         needed = excess.max(initial=0.0) > ROOM
         if needed and not slack:
@@ -248,10 +244,10 @@ class LexicographicQp:
         limits = np.where(excess > ROOM, excess + ROOM, ROOM)
         found = self._restricted(problem, rows.matrix, rows.upper + rows.unit * limits)
         if found is not None and found.solved:
-            return Ordered(found, needed)
+            return Answer(found, slack=needed)
         x = np.concatenate((nearest, np.full(len(problem.g) - len(nearest), np.nan)))
         answer = QpSolution(x, np.zeros(len(problem.lower)), 0.0, 0.0, 0.0)
-        return Ordered(answer, needed, True)
+        return Answer(answer, slack=needed, least=True)
 
     def _restricted(
         self, problem: QpProblem, matrix: np.ndarray, upper: np.ndarray
@@ -265,7 +261,7 @@ class LexicographicQp:
             np.concatenate((problem.lower, np.full(p, -np.inf))),
             np.concatenate((problem.upper, upper)),
         )
-        return self._solver(size, len(restricted.lower)).solve(restricted)
+        return DenseQp(size, len(restricted.lower)).solve(restricted)
 
     def least_slack(self, rows: Rows, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The least slack (p,) of the rows, in units, and an admissible input (nu,) with it.
@@ -284,14 +280,8 @@ class LexicographicQp:
         A[:m, :m] = np.eye(m)
         A[m:, :m], A[m:, m:] = matrix, -np.eye(p)
         lower = np.concatenate((self._u_min, np.full(p, -np.inf)))
-        solution = self._solver(m + p, m + p).solve(
+        solution = DenseQp(m + p, m + p).solve(
             QpProblem(H, g, A, lower, np.concatenate((self._u_max, upper)))
         )
         u = wanted if solution is None else np.clip(solution.x[:m], self._u_min, self._u_max)
         return np.maximum(matrix @ u - upper, 0.0), u
-
-    def _solver(self, variables: int, rows: int) -> DenseQp:
-        key = variables, rows
-        if key not in self._solvers:
-            self._solvers[key] = DenseQp(variables, rows)
-        return self._solvers[key]
