@@ -35,7 +35,7 @@ from softdyn.dynamics.implicit_step import ImplicitStep
 from softdyn.dynamics.motors import lag_shares
 from softdyn.dynamics.stops import Stops
 
-# Lines "x 0.1" and "x 10" as in `ilqr`, for the same two plans. Lines that begin with "B" are of two
+# Lines "x 0.1" and "x 10" as in `ilqr`, for the same two plans. Lines that begin with B are of two
 # others, of SpiRob to 0.25π and 0.3π with a lag of 10 ms. As it is they end 3.2 and 1.4 cm away.
 TRAVELS = (1.0, 0.6)  # s, durations of the first guess, tried one after the other
 # B, x 0.1: 3.9 and 8.1 cm. x 10: 5.6 and 5.0 cm. The first alone: 11.8 and 3.2 cm.
