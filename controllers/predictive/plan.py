@@ -35,18 +35,23 @@ from softdyn.dynamics.implicit_step import ImplicitStep
 from softdyn.dynamics.motors import lag_shares
 from softdyn.dynamics.stops import Stops
 
-# Lines "x 0.1" and "x 10" as in `ilqr`, for the same two plans.
+# Lines "x 0.1" and "x 10" as in `ilqr`, for the same two plans. Lines that begin with B are of two
+# others, of SpiRob to 0.25π and 0.3π with a lag of 10 ms. As it is they end 3.2 and 1.4 cm away.
 TRAVELS = (1.0, 0.6)  # s, durations of the first guess, tried one after the other
+# B, x 0.1: 3.9 and 8.1 cm. x 10: 5.6 and 5.0 cm. The first alone: 11.8 and 3.2 cm.
 NEAR = 0.05  # of the first ‖q - q*‖²_S: a path that ends nearer is taken
 USEFUL = 0.25  # one that ends farther is no plan
 STEP = 0.01  # T (s)
 # x 0.5: the steps are nearer to the motion of a fold. Two of five plans of SpiRob are lost when the
 # same model follows them in steps of 5 ms or less. One that is planned in 5 ms holds.
+# B, x 0.5: 1.5 cm, and from this first guess no plan, in twice the time.
 STEPS = 150
 # x 0.1: no plan.
 FORM = 0.3  # σ
 # x 0.1: 1.0 and 8.4 cm, in 6 and 7 s.
 HORIZON, SPEED, RATE, HOLD = 0.3, 0.05, 1e-3, 1e-3  # s, s; the weights, as `Mpc` has them
+# B, HORIZON x 0.1: 21 and 31 cm. x 10: 3.0 and 5.0 cm; the second shape is not reached.
+# B, SPEED x 0.1: 11 and 0.3 cm, but the same model in steps of 2 ms is lost. x 10: 4.1 and 5.0 cm.
 # HOLD x 0.1: gains two and five times as large, 0.6 and 3.3 cm. x 10: 1.9 and 10 cm.
 # RATE x 0.1: 0.5 and 3.9 cm. x 10: 2.0 and 7.0 cm.
 TAIL = 50.0
