@@ -18,8 +18,8 @@ def a_cold_cache_is_no_news() -> Iterator[None]:
         yield
 
 
-# A command that takes all cores would start a worker for each, and each imports for seconds.
-# Tests of workers say how many they want.
+# A command that takes all cores would start a worker for each, which imports for seconds. Tests of
+# workers say how many they want.
 os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")
 # Otherwise every process that a test starts would compile all sources that it imports.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)

@@ -359,7 +359,7 @@ def test_friction_of_cables_from_static_rows(arm, tmp_path, capsys):
     made = rubbing(arm, 0.05)
     true, rng = made.model_of({"friction cable pull": 0.1}), np.random.default_rng(7)
     names = [f"point.{m}.{a}" for m in "abc" for a in "xyz"]
-    u = np.concatenate([np.linspace(0, 5, 8), np.linspace(4.4, 0.3, 7)])[:, None] * [1, 0, 0]
+    u = np.concatenate([np.linspace(0, 5, 5), np.linspace(4.4, 0.3, 4)])[:, None] * [1, 0, 0]
     u = np.concatenate((u, np.roll(u, 1, axis=1)))
     path, _ = rests(true, (), Inputs(u, np.zeros(3)), Around(true))
     out = compute_outputs(true, names, path, np.zeros((*path.shape, 0)))[0]

@@ -49,7 +49,7 @@ controllers = ["soft-id-clf-qp"]
 [targets]
 theta = [0.5, 1]
 [gains]
-Kp = { from = 100, to = 600, count = 10 }
+Kp = { from = 100, to = 600, count = 6 }
 [run]
 duration = 0.5
 """
@@ -159,7 +159,7 @@ def test_a_cluster_that_loses_all_it_has_loses_no_case(folder, call, cluster, mo
     code, out, err = call(path, "--scheduler", address, "--out", "far", "--json", "-")
     killer.join()
     assert code == 0, err
-    assert (json.loads(out)["cases"], json.loads(out)["ran"]) == (40, 40)
+    assert (json.loads(out)["cases"], json.loads(out)["ran"]) == (24, 24)
     assert workers[0].wait() == -signal.SIGKILL
     assert workers[1].poll() is None
     assert call(path, "--out", "near", "--jobs", 1)[0] == 0
