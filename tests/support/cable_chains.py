@@ -11,13 +11,8 @@ import softdyn
 from softdyn import Robot, SoftModel
 from softdyn.description.rig import Actuator
 from softdyn.description.robot import JointTerm, Site, Tendon
-from softdyn.description.urdf import parse_text
 from softdyn.description.urdf_writer import write
-
-BODY = (
-    '<inertial><origin xyz="{} 0 0"/><mass value="5e-4"/>'
-    '<inertia ixx="2e-7" ixy="0" ixz="0" iyy="2e-7" iyz="0" izz="2e-7"/></inertial>'
-)
+from tests.support import robots
 
 
 def chain(axes: np.ndarray, piece: float, *, stiffness: float = 0.0, lag: float = 0.0) -> Robot:
@@ -32,19 +27,18 @@ def chain(axes: np.ndarray, piece: float, *, stiffness: float = 0.0, lag: float 
     stiffness, lag : float
         Stiffness of each joint (N m/rad), and its damping over the stiffness (s).
     """
-    links, joints = '<link name="l0"/>', ""
+    parts = [robots.link("l0")]
     for k, axis in enumerate(axes, 1):
-        links += f'<link name="l{k}">{BODY.format(piece / 2)}</link>'
-        joints += (
-            f'<joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/>'
-            f'<origin xyz="{piece if k > 1 else piece / 2} 0 0"/>'
-            f'<axis xyz="{" ".join(map(str, axis))}"/>'
-            '<limit lower="-3" upper="3" effort="1" velocity="1"/>'
-            f'<dynamics damping="{stiffness * lag}" stiffness="{stiffness}"/></joint>'
-        )
-    tip = f'<link name="tip"/><joint name="end" type="fixed"><parent link="l{len(axes)}"/>'
-    tip += f'<child link="tip"/><origin xyz="{piece / 2} 0 0"/></joint>'
-    robot = parse_text(f'<robot name="chain">{links}{tip}{joints}</robot>', path=Path("chain.urdf"))
+        at = f"{piece if k > 1 else piece / 2} 0 0"
+        parts += [
+            robots.link(f"l{k}", 5e-4, f"{piece / 2} 0 0", 2e-7),
+            robots.joint(
+                f"j{k}", f"l{k - 1}", f"l{k}", " ".join(map(str, axis)), at=at, limit=(-3, 3),
+                effort=1, damping=stiffness * lag, stiffness=stiffness,
+            ),
+        ]  # fmt: skip
+    parts += [robots.link("tip"), robots.weld(f"l{len(axes)}", "tip", f"{piece / 2} 0 0")]
+    robot = robots.build(robots.robot("chain", *parts)).robot
     return replace(robot, task="tip")
 
 
@@ -87,6 +81,4 @@ def random_arm(seed: int, folder: Path) -> SoftModel:
             for share in ((0.1,) if k == 0 else (0.2, 0.45))
         )
         cables.append(Tendon(f"c{c}", sites=sites, friction=mu))
-    path = folder / f"arm_{seed}.urdf"
-    path.write_text(write(pulled(robot, *cables)), encoding="utf-8")
-    return softdyn.load(path)
+    return softdyn.load(robots.write(folder, write(pulled(robot, *cables)), f"arm_{seed}.urdf"))
