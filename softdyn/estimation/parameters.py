@@ -104,7 +104,7 @@ class EkfParameters:
         moved = np.diag(rest.M) / HORIZON**2 + np.diag(rest.D) / HORIZON
         stiff = np.where(model.stiffness > 0, model.stiffness, moved)
         position = self.spread * span
-        known = {
+        known: dict[Disturbance, np.ndarray | float] = {
             Disturbance.TIP_FORCE: self.tip_force,
             Disturbance.PAYLOAD: self.payload,
             Disturbance.STIFFNESS: self.stiffness,
