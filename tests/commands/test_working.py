@@ -26,7 +26,7 @@ def terminal():
     master, slave = pty.openpty()
     termios.tcsetwinsize(slave, (24, 80))  # without a size, no bar is drawn
     os.set_blocking(master, False)
-    before, seen = (sys.stdout, sys.stderr), []
+    before, seen = (sys.stdout, sys.stderr), list[str]()
 
     def read(until, times=1):
         end = time.monotonic() + PATIENCE

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+import softdyn
+from softdyn import statics
 from softdyn.validation import compare
 from softdyn.validation.mjcf.comparison.dynamics import random_states
+from softdyn.validation.mjcf.comparison.resting import resting_points, tip_points
 from softdyn.validation.mjcf.comparison.side import Side
 
 MASS, LENGTH, ARM, STIFFNESS, DAMPING, PULL = 0.2, 0.1, 0.02, 0.3, 0.01, 40.0
@@ -81,3 +84,12 @@ def test_a_lever_arm_and_a_gear_change_the_actuation(tmp_path):
     found, _, _ = effects(tmp_path, 'gear="2"', 'gear="3"')
     assert found["B"] == pytest.approx(0.5, rel=1e-9)
     assert found["rest"] == 0
+
+
+@pytest.mark.parametrize("robot", ["finger", "spirob"])
+def test_the_rest_is_that_of_the_model(robot):
+    """Of MuJoCo's terms here, and of Pinocchio's in `statics`."""
+    neutral = Side.of(robot).neutral
+    found = resting_points(neutral, tip_points(neutral))
+    right = statics.rest(softdyn.load(robot)).y
+    assert np.linalg.norm(found - right, axis=1).min() < 1e-8
