@@ -31,11 +31,11 @@ from softdyn.controllers.qps.qp import DenseQp, QpProblem
 # Lines "x 0.1" and "x 10" say what a tenth and ten times did to two plans of SpiRob through a fold.
 # As it is they end 0.6 and 1.4 cm from their targets and take 2 and 3 s.
 ITERATIONS = 60
-# x 0.1: no plan. x 10: the same plans.
+# x 0.1: no plan. x 10: the same plans. A third plan ends with it, where 10 000 gave one more.
 SETTLED = 1e-3  # relative decrease of the cost at which it ends
 # x 0.1: 0.5 and 0.8 cm, in 3 and 5 s. x 10: 0.8 and 1.9 cm.
 DAMPED = 1.0  # in the problem's `unit`: a step shorter than with this is not tried
-# x 0.1, x 10: the same plans; it ends searches that find no lower cost.
+# x 0.1, x 10: the same plans, and without it; it ends searches that find no lower cost.
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried until the cost falls
 # x 0.1: no plan. Two plans to 0.25π and 0.3π that end 3.2 and 1.4 cm away: whole steps alone, 27
 # and 32 cm; a twentieth and less after the whole one, 25 and 2.2 cm.

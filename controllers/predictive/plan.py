@@ -40,7 +40,11 @@ from softdyn.dynamics.stops import Stops
 TRAVELS = (1.0, 0.6)  # s, durations of the first guess, tried one after the other
 # B, x 0.1: 3.9 and 8.1 cm. x 10: 5.6 and 5.0 cm. The first alone: 11.8 and 3.2 cm.
 NEAR = 0.05  # of the first ‖q - q*‖²_S: a path that ends nearer is taken
+# B, x 0.1: all eight first guesses are tried, in place of eight and four. x 10: the first one is
+# taken, 3.4 and 1.3 cm. A run at 0.25π loses its plans as before, and ends at 39 in place of 5 cm.
 USEFUL = 0.25  # one that ends farther is no plan
+# B, x 0.1: no plan to 0.25π. x 10: the same plans; it refuses those that fold nothing, such as the
+# paths with 0.98 of it left that HORIZON, SPEED and TRAVELS x 10 give.
 STEP = 0.01  # T (s)
 # x 0.5: the steps are nearer to the motion of a fold. Two of five plans of SpiRob are lost when the
 # same model follows them in steps of 5 ms or less. One that is planned in 5 ms holds.

@@ -42,7 +42,7 @@ ARRIVES = 0.5  # s later the rest or the plan acts, however long the search took
 # x 0.1: 0.19 cm, but no search is so short. x 10: 0.25 cm, because the rest acts after 6 s.
 RESTS = 5.0  # s of HOLD in a loop that does not wait, after which the robot is at rest
 # x 0.1: a plan that comes 8 s later ends 14 in place of 3 cm from the set point 0.25π, because the
-# robot has moved by 0.09 rad; with 5 s by 0.002. x 10: the same plan, after 50 s.
+# robot has moved by 0.09 rad; with 5 s by 0.004. x 10: the same plan, after 50 s.
 BENT = 0.3  # rad, m: a joint this far from the rest's shape
 # x 10: there is no plan, and SpiRob stays 7 cm from the set point 0.25π.
 PLANS = 3  # for one set point
