@@ -27,7 +27,7 @@ def read(folder: Path, more: str = "", *changes: tuple[str, str]) -> Robot:
     for change in changes:
         assert text.count(change[0]) == 1
         text = text.replace(*change)
-    path = robots.write(folder, text)
+    path = robots.write(folder, text, "arm.urdf")
     return parse(path)
 
 

@@ -22,7 +22,7 @@ SEVERAL = (
 
 
 def parsed(folder, text: str = ARM) -> softdyn.Robot:
-    path = robots.write(folder, text)
+    path = robots.write(folder, text, "arm.urdf")
     return softdyn.parse(path)
 
 
