@@ -342,7 +342,7 @@ def test_a_task_at_a_place_along_the_arm_has_a_frame_there() -> None:
     [
         ('s_mm = 10\nframe = "tip"', ("[[task]] 1", "both")),
         ("s_mm = 185", ("frame 'at_185mm'", "0.185 m")),
-        ("s_mm = -1", ("[[task]] 1", -0.001)),
+        ("s_mm = -1", ("frame 'at_-1mm'", -0.001)),
         ("offset_mm = [0, 0, 1]", ("<task>", "offset_mm")),
         ('frame = "segment_9"', ("<task>", "'segment_9'; did you mean 'segment_5'?")),
         ('frane = "tip"', ("<task>", "frane")),

@@ -225,7 +225,7 @@ def test_one_degree_of_freedom():
 
 
 def test_a_singular_mass_matrix_is_refused():
-    with refused("<robot>", "a singular one; joint 'j' meets the least inertia", by=UrdfError):
+    with refused("<robot>", "a singular one; joint 'hinge' meets the least inertia", by=UrdfError):
         one("revolute", "1 0 0")
 
 

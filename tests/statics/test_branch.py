@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -15,9 +13,9 @@ from tests.statics.test_statics import STIFFNESS, G, pendulum
 WEIGHT = 0.1 * G  # m g r of the pendulum
 
 
-def test_a_branch_is_followed_up_to_its_fold(tmp_path: Path) -> None:
+def test_a_branch_is_followed_up_to_its_fold() -> None:
     """Upright, u = k q - m g r sin q turns back where cos q = k / m g r, at 1.04 rad."""
-    here = statics.balance(pendulum(tmp_path, height=0.1), [0.0], [0.0])
+    here = statics.balance(pendulum(height=0.1), [0.0], [0.0])
     for angle in (0.3, 0.6, 0.8, 0.9, 0.96):
         found = follow(here, np.array([STIFFNESS * angle - WEIGHT * np.sin(angle)]))
         assert found is not None
@@ -37,18 +35,18 @@ def test_a_branch_is_followed_up_to_its_fold(tmp_path: Path) -> None:
         ((-1, 2), 1, (-0.1, 0.5), 0.6),  # its range is less
     ],
 )
-def test_the_size_of_an_input(tmp_path: Path, limits, gear, bounds, expected) -> None:
+def test_the_size_of_an_input(limits, gear, bounds, expected) -> None:
     changes = {
         'limit lower="-1" upper="2"': 'limit lower="{}" upper="{}"'.format(*limits),
         'gear="1" lower="-2" upper="2"': 'gear="{}" lower="{}" upper="{}"'.format(gear, *bounds),
     }
-    model = pendulum(tmp_path, changes=changes)
+    model = pendulum(changes=changes)
     assert input_scale(model, statics.balance(model, [0.0], [0.0])) == pytest.approx([expected])
 
 
-def test_soft_stops_repel(tmp_path: Path) -> None:
+def test_soft_stops_repel() -> None:
     """Their potential is -μ log of both gaps; a limit that a joint lacks repels nothing."""
-    model = pendulum(tmp_path)
+    model = pendulum()
     problem = TargetProblem.for_tip(model, np.zeros(3))
     weight, e = 0.01 * problem.force * problem.scale[:1], 1e-5
 
@@ -61,14 +59,14 @@ def test_soft_stops_repel(tmp_path: Path) -> None:
     below, above = (problem.repulsion(at + s * e, 0.01)[0] for s in (-1, 1))
     assert stiffness == pytest.approx((below - above) / (2 * e), rel=1e-6)
     free = TargetProblem.for_tip(
-        pendulum(tmp_path, changes={'limit lower="-1" upper="2"': "limit"}), np.zeros(3)
+        pendulum(changes={'limit lower="-1" upper="2"': "limit"}), np.zeros(3)
     )
     assert [float(x[0]) for x in free.repulsion(at, 0.01)] == [0.0, 0.0]
 
 
-def test_a_joint_is_near_its_stop_within_a_tenth_of_its_range(tmp_path: Path) -> None:
+def test_a_joint_is_near_its_stop_within_a_tenth_of_its_range() -> None:
     narrow = {'limit lower="-1" upper="2"': 'limit lower="-0.1" upper="0.2"'}
-    model = pendulum(tmp_path, changes=narrow)
+    model = pendulum(changes=narrow)
     problem = TargetProblem.for_tip(model, np.zeros(3))
     near = [problem.near_stops(np.array([q])) for q in (-0.09, -0.06, 0.1, 0.16, 0.18)]
     assert near == [True, False, False, False, True]

@@ -21,7 +21,18 @@ from softdyn.validation.report import statics_figure
 from tests.support.named_models import named_model
 from tests.support.oracles import gradient, relative
 from tests.support.refused import refused
-from tests.support.robots import build, cable, hinge, joint, link, motor, robot, slide, write
+from tests.support.robots import (
+    build,
+    cable,
+    changed,
+    hinge,
+    joint,
+    link,
+    motor,
+    robot,
+    slide,
+    write,
+)
 
 G = 9.81
 STIFFNESS = 0.5
@@ -35,8 +46,10 @@ def pendulum_text(height: float = -0.1, stiffness: float = STIFFNESS) -> str:
     )  # fmt: skip
 
 
-def pendulum(*height: float, **changes: float) -> SoftModel:
-    return build(pendulum_text(*height, **changes))
+def pendulum(
+    height: float = -0.1, stiffness: float = STIFFNESS, changes: dict[str, str] | None = None
+) -> SoftModel:
+    return build(changed(pendulum_text(height, stiffness), *(changes or {}).items()))
 
 
 @pytest.mark.parametrize("u", [-0.3, 0.2, 1.5])

@@ -123,7 +123,7 @@ def test_a_start_inside_is_refused(tmp_path: Path) -> None:
     model = piston(tmp_path, "collision box")
     ball = KeepOutSphere([0, 0, 0], 0.1, links="all", name="ball")
     for options in ({}, {"rig": Rig()}):
-        with refused("q0", "link 'body' 110 mm inside 'ball'") as caught:
+        with refused("q0", "link 'block' 110 mm inside 'ball'") as caught:
             rollout(model, np.zeros(1), 0.1, surroundings=Surroundings([ball]), **options)
         assert caught.value.name == "q0"
     region = KeepOutSphere([0, 0, 0], 0.1, links="all", name="ball", contact=False)
