@@ -44,6 +44,7 @@ def _work(words: list[str], env: Mapping[str, str]) -> None:
     try:
         faulthandler.disable()  # its file is closed now
         os.closerange(3, os.sysconf("SC_OPEN_MAX"))  # Popen waits until one of these is closed
+        gc.freeze()  # a collection of all that the fork inherits would hold the loop up
         gc.enable()
         signal.signal(signal.SIGINT, signal.default_int_handler)
         sys.stdin = os.fdopen(0, closefd=False)
@@ -52,6 +53,8 @@ def _work(words: list[str], env: Mapping[str, str]) -> None:
             for number in (1, 2)
         )
         warnings.resetwarnings()
+        for quiet in (DeprecationWarning, ImportWarning, ResourceWarning):  # as in a new one
+            warnings.simplefilter("ignore", quiet)
         warnings.showwarning = _show
         warnings._showwarnmsg_impl = lambda said: _show(said.message, said.category)
         os.environ.update(env)

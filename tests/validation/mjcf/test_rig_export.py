@@ -265,7 +265,7 @@ def test_a_winch_over_one_joint_is_compared_with_a_servo_on_it(tmp_path, coef):
         theirs.write_text(SERVO.format(**servo), encoding="utf-8")
         found = [c for c in compare(ours, theirs).causes if c.kind == "actuator"]
         units = [] if coef == 1.0 else ["unit"]
-        assert [c.detail for c in found] == units + ([] if same else ["stiffness"])
+        assert [c.detail for c in found] == ([] if same else ["stiffness"]) + units
 
 
 def test_compare_of_sensors(tmp_path):

@@ -16,7 +16,7 @@ from tests.validation.twin.test_twin import joint, link, urdf
 def test_state_map_orders_by_name_and_unwinds_circles(tmp_path):
     body = link("base") + link("z", 1.0, "1 1 1") + link("a", 1.0, "1 1 1") + link("m", 1.0)
     body += joint("jz", "base", "z", "continuous") + joint("ja", "base", "a", "prismatic")
-    body += joint("jm", "a", "m", "continuous", axis="1 0 0", xyz="0 0.3 0")
+    body += joint("jm", "a", "m", "continuous", axis="1 0 0", at="0 0.3 0")
     path = urdf(tmp_path, body, '<joint name="jm" armature="1"/>')
     model, twin = softdyn.load(path), Twin(path)
     assert model.joint_names == ("ja", "jm", "jz")

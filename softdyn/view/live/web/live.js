@@ -425,7 +425,7 @@ class Live {
     return !this.asked;
   }
   showInputs(u) {
-    // by hand the sliders keep the commands, because behind a rig other inputs act
+    // by hand the sliders keep the commands, and the numbers show what acts: behind a rig they differ
     const open = this.scene.mode == "play" && this.state.law == this.scene.open;
     u.forEach((value, i) => {
       const {name, range, value: out, full, held} = this.inputs[i];
@@ -433,7 +433,8 @@ class Live {
       const said = held ? full * range.value ** 3 : open ? this.state.inputs[i] ?? value : value;
       if (!held) range.value = Math.cbrt(said / full);
       name.style.borderColor = css(scaled(value / full));
-      out.value = Math.abs(said) < 1e-6 * full ? "0" : digits(factor * said);
+      const shown = open ? value : said;
+      out.value = Math.abs(shown) < 1e-6 * full ? "0" : digits(factor * shown);
     });
   }
   makeSide() {
