@@ -17,7 +17,9 @@ from softdyn.dynamics.stops import Stops
 RIDGE = 1e-12  # share of a variance; joints whose errors are one error have no inverse without it
 
 
-def predict(P, by_state, by_force, noise, held, stops, step, moving, decay, added, turn, gained):
+def predict(
+    P, by_state, by_force, noise, held, stops, span, step, moving, decay, added, turn, gained
+):  # fmt: skip
     """Move the covariance P (s, s) over a step, q⁺ = q + T v⁺ and d⁺ of `softdyn.estimation.drift`.
 
     Parameters
@@ -28,8 +30,10 @@ def predict(P, by_state, by_force, noise, held, stops, step, moving, decay, adde
         Fields of `softdyn.dynamics.implicit_step.ImplicitStepResult`.
     noise : ndarray, (n,)
         Variances of the joint forces, each for a second.
-    stops : ndarray, (n,)
-        Variances of the positions of joints that stops hold.
+    stops : float
+        Variance of the positions of joints that stops hold, as shares of their ranges.
+    span : ndarray, (n,)
+        The joints' ranges (rad, m).
     step : float
         T (s).
     moving : ndarray of int, (nr,)
@@ -65,7 +69,7 @@ def predict(P, by_state, by_force, noise, held, stops, step, moving, decay, adde
     if stopped.size:
         P[stopped] = 0.0
         P[:, stopped] = 0.0
-        P[stopped, stopped] = stops[stopped]
+        P[stopped, stopped] = stops * span[stopped] ** 2
 
 
 def update(P, rows, errors, variances, change, gate):

@@ -201,11 +201,12 @@ class Filter:
             return halvings > 0 and all(
                 self.predict(commands, step / 2, halvings - 1) for _ in range(2)
             )
-        self._shake(found.held, step)
+        if self.shaken or found.held.any():
+            self._shake(found.held, step)
         noise = math.exp(self.adapted) * known.force_noise
         predict(
             self.P, found.by_state, found.by_force, noise, found.held,
-            self.shaken * known.span**2, step, known.drift.moving, *known.drift.over(step),
+            self.shaken, known.span, step, known.drift.moving, *known.drift.over(step),
         )  # fmt: skip
         self.q[:], self.v[:], self.held[:] = found.q, found.v, found.held
         if len(self.d):
