@@ -56,12 +56,22 @@ from softdyn.controllers.qps.stopped_step import StoppedStep, stops_around
 from softdyn.copies import KeepsMaking
 from softdyn.description.robot import sliding
 from softdyn.dynamics.stops import Stops
+from softdyn.safety import obstacles
 from softdyn.safety.clearance import CENTIRADIAN, MILLIMETRE, Values
 from softdyn.safety.obstacles import RATE, BarrierSet
 
 LOOKAHEAD = 0.02  # s, the horizon of rows where the controller has none
 LEAP = 10.0  # of these units, a joint's largest motion in a period
 AT_STOP = 0.1  # of these units: a joint this close to its limit is at its stop
+
+
+def __getattr__(name: str) -> object:
+    """The obstacles' former place, which warns."""
+    if name not in ("HalfSpace", "KeepOutSphere"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    warnings.warn(f"{name} is now in softdyn.safety", DeprecationWarning, stacklevel=2)
+    found: object = getattr(obstacles, name)
+    return found
 
 
 class ControlBarrier(Protocol):

@@ -382,3 +382,9 @@ def test_the_tip_stops_at_a_wall_the_published_law_passes() -> None:
 def test_barriers_that_make_no_sense(make: object, name: str) -> None:
     with refused(name):
         make()  # type: ignore[operator]
+
+
+def test_the_former_place_of_an_obstacle_warns():
+    with pytest.warns(DeprecationWarning, match="softdyn.safety"):
+        from softdyn.controllers.barriers import HalfSpace as Former
+    assert Former is HalfSpace
