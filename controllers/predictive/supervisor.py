@@ -6,9 +6,9 @@ reference, the tip's distance from it, the shape of the robot, and the answers o
 
                               stuck 1 s          a nearer rest is known, 0.5 s later
     another set point ► GIVEN ─────────► SEARCH ─────────────────────────► REST ◄───────┐
-                                                                   bent away │          │ its end,
-                                                                   for 1 s   ▼  there   │ or no plan
-                                                                           HOLD ─────► PLAN
+                                                                   bent away │          │ its end
+                                                                   for 1 s   ▼  there   │
+                                                   REST ◄─ no plan ─ HOLD ─────► PLAN
 
     a path ► GIVEN;  where cables can buckle the arm ► BUCKLED ◄──────► PULL
                                                                far, 0.6 s
@@ -65,7 +65,7 @@ FAR = 0.03  # m from the path
 class Phase(Enum):
     """The thing that a controller follows now.
 
-    `Mpc` has the first seven phases, `Staged` the last two.
+    `best` has the first seven phases, `Staged` the last two.
     """
 
     GIVEN = "given"  # the reference alone
@@ -114,7 +114,7 @@ class Supervisor:
     model : SoftModel
         The robot.
     targets : RestTargets, optional
-        Finds rests for set points; without it every phase is `Phase.GIVEN`.
+        Finds rests for set points; without it set points have `Phase.GIVEN` alone.
     least : ndarray, (nu,), optional
         The robot's `buckling_input`, for paths.
 
