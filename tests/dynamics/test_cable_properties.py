@@ -1,4 +1,4 @@
-"""What holds for the course of every cable: bounds, symmetry, and no sense of place."""
+"""Rules for the course of every cable: bounds, symmetry, and no dependence on the place."""
 
 from __future__ import annotations
 

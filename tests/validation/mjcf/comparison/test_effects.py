@@ -88,7 +88,7 @@ def test_a_lever_arm_and_a_gear_change_the_actuation(tmp_path):
 
 @pytest.mark.parametrize("robot", ["finger", "spirob"])
 def test_the_rest_is_that_of_the_model(robot):
-    """Of MuJoCo's terms here, and of Pinocchio's in `statics`."""
+    """The rest by MuJoCo's terms is that by Pinocchio's, in `statics`."""
     neutral = Side.of(robot).neutral
     found = resting_points(neutral, tip_points(neutral))
     right = statics.rest(softdyn.load(robot)).y
